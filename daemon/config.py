@@ -29,7 +29,8 @@ import msgspec
 
 from daemon.api import AUTO_VERSION, FitPipeline, ring_slots_reason
 from daemon.endpoints import endpoint_reason, is_ipv4
-from daemon.errors import ConfigurationError, MissingInputError
+from daemon.errors import ConfigurationError
+from daemon.json_files import read_bytes
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
@@ -151,15 +152,12 @@ class DaemonConfig(_Section, frozen=True, kw_only=True):
 
     def request_fields(self) -> dict[str, Any]:
         """The fields of RunRequest that this configuration decides."""
+        link = msgspec.structs.asdict(self.fri)
+        del link["real_robot"]
         return {
             "robot": self.robot,
-            "fri_version": parse_version(self.fri.version),
-            "bind_host": self.fri.bind_host,
-            "bind_port": self.fri.bind_port,
-            "robot_host": self.fri.robot_host,
-            "receive_timeout_s": self.fri.receive_timeout_s,
-            "start_timeout_s": self.fri.start_timeout_s,
-            "command_timeout_s": self.fri.command_timeout_s,
+            "fri_version": parse_version(link.pop("version")),
+            **link,
             **msgspec.structs.asdict(self.run),
             "realtime_priority": self.realtime.priority,
             "loop_cpu": self.realtime.cpu,
@@ -213,12 +211,7 @@ def parse_version(text: str) -> str:
 def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Settings:
     """A YAML file as a structure that knows all its keys; an empty file gives the defaults. Raises as load_config."""
     file = Path(path)
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError as error:
-        raise MissingInputError(str(file), purpose) from error
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
+    data = read_bytes(file, purpose)
     if len(data) > MAXIMUM_BYTES:
         raise ConfigurationError(f"has {len(data)} bytes; that is no configuration file.", file=str(file))
     if not data.strip():

@@ -20,17 +20,22 @@ StructType = TypeVar("StructType", bound=msgspec.Struct)
 
 def read_json(path: str | Path, kind: type[StructType]) -> StructType:
     """Read a structure from a JSON file. Raises MissingInputError, or ConfigurationError naming file and field."""
-    file = Path(path)
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError as error:
-        raise MissingInputError(str(file), kind.__name__) from error
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
+    data = read_bytes(path, kind.__name__)
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{error}.", file=str(file)) from error
+        raise ConfigurationError(f"{error}.", file=str(Path(path))) from error
+
+
+def read_bytes(path: str | Path, purpose: str) -> bytes:
+    """A file that is needed for a purpose. Raises MissingInputError, ConfigurationError where it cannot be read."""
+    file = Path(path)
+    try:
+        return file.read_bytes()
+    except FileNotFoundError as error:
+        raise MissingInputError(str(file), purpose) from error
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=str(file)) from error
 
 
 def write_json(path: str | Path, value: msgspec.Struct | dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RecordedArm, RobotOption
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RecordedArm, RobotOption, as_usage
 from daemon.cli.output import JsonOption, data, show_table, told_in_words
 
 if TYPE_CHECKING:
@@ -64,11 +64,9 @@ def doctor(
         raise typer.BadParameter(ARM_WITHOUT_FILE)
     settings = DaemonConfig() if config is None else load_config(config, arm)
     host, port = (settings.fri.bind_host, settings.fri.bind_port) if bind is None else parse_bind(bind)
-    try:
-        named = fri_version or (None if config is None else settings.fri.version)
+    named = fri_version or (None if config is None else settings.fri.version)
+    with as_usage(ValueError):
         version = None if named is None or parse_version(named) == AUTO_VERSION else FriVersion.parse(named)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
     report = examine(
         bind_host=host,
         bind_port=port,

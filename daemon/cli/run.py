@@ -24,7 +24,7 @@ from daemon.cli.acquisition import (
     tool_from,
 )
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, installation_of
+from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, as_usage, installation_of
 from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
@@ -60,10 +60,8 @@ def address_of(host: str | None) -> str | None:
 def _version(text: str | None) -> str | None:
     from daemon.config import parse_version
 
-    try:
+    with as_usage(ValueError):
         return None if text is None else parse_version(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
 
 
 def confirm_motion(motion: PreparedMotion, periods: int) -> None:

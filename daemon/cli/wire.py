@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
+from daemon.cli.inputs import as_usage
 from daemon.cli.output import data
 from fri_client.messages import FriVersion
 from fri_client.wire.json_form import decode_line, encode_line
@@ -38,10 +39,8 @@ DirectionOption = Annotated[Direction, typer.Option("--direction", help="Robot t
 
 
 def _version(text: str) -> FriVersion:
-    try:
+    with as_usage(ValueError):
         return FriVersion.parse(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
 
 
 def _lines() -> Iterator[str]:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.errors import ConfigurationError, MissingInputError
+from daemon.errors import ConfigurationError
+from daemon.json_files import read_bytes
 
 Vector = tuple[float, float, float]
 
@@ -65,9 +66,4 @@ def _is_file(tool: str) -> bool:
 
 
 def _digest(file: str, option: str) -> str:
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    except FileNotFoundError as error:
-        raise MissingInputError(file, f"the {option} of this investigation (--{option})") from error
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}.", file=file) from error
+    return hashlib.sha256(read_bytes(file, f"the {option} of this investigation (--{option})")).hexdigest()

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from operator import attrgetter
 from typing import Any
 
 from fri_client.errors import MissingRequiredField, TextTooLong, TruncatedMessage, WrongValueCount, WrongWireType
@@ -45,7 +44,7 @@ class GroupReader:
         self._required = tuple((attributes.index(r.attribute), r.name) for r in rows if r.rule is Rule.REQUIRED)
         # Rows that another version has still have a slot in the value object; an optional scalar's absence is None.
         self._defaults: Slots = [() if default == () else None for default in _defaults(group)]
-        self._values_of = attrgetter(*attributes) if len(attributes) > 1 else _single(attributes[0])
+        self._attributes = attributes
         self._actions: dict[int, Action] = {}
         for row in rows:
             slot = attributes.index(row.attribute)
@@ -57,7 +56,7 @@ class GroupReader:
         if earlier is None:
             slots = self._defaults.copy()
         else:
-            slots = list(self._values_of(earlier))
+            slots = [getattr(earlier, attribute) for attribute in self._attributes]
             for slot, _ in self._required:
                 slots[slot] = None
         actions = self._actions
@@ -87,20 +86,11 @@ def _defaults(group: type[Any]) -> list[Any]:
     return [None] * missing + list(group.__struct_defaults__)
 
 
-def _single(attribute: str) -> Callable[[Any], tuple[Any, ...]]:
-    get = attrgetter(attribute)
-    return lambda message: (get(message),)
-
-
 def _actions(row: Field, slot: int, message: str, version: FriVersion) -> list[tuple[int, Action]]:
     """Wire types under which a field is read, each with what to do."""
     match row.kind:
-        case Kind.UINT32:
-            return [(VARINT, _integer_action(slot, message, _to_uint32))]
-        case Kind.INT32:
-            return [(VARINT, _integer_action(slot, message, _to_int32))]
-        case Kind.UINT64:
-            return [(VARINT, _integer_action(slot, message, _unchanged))]
+        case Kind.UINT32 | Kind.INT32 | Kind.UINT64:
+            return [(VARINT, _integer_action(slot, message, _OF_WIDTH[row.kind]))]
         case Kind.DOUBLE:
             return [(FIXED64, _double_action(slot, message))]
         case Kind.TEXT:
@@ -121,17 +111,16 @@ def _actions(row: Field, slot: int, message: str, version: FriVersion) -> list[t
             return [(LENGTH_DELIMITED, _doubles_message_action(row, slot, message))]
 
 
-def _to_uint32(value: int) -> int:
-    return value & 0xFFFFFFFF
-
-
 def _to_int32(value: int) -> int:
     value &= 0xFFFFFFFF
     return value - 0x100000000 if value & 0x80000000 else value
 
 
-def _unchanged(value: int) -> int:
-    return value
+_OF_WIDTH: dict[Kind, Callable[[int], int]] = {
+    Kind.UINT32: lambda value: value & 0xFFFFFFFF,
+    Kind.INT32: _to_int32,
+    Kind.UINT64: lambda value: value,
+}
 
 
 def _integer_action(slot: int, message: str, convert: Callable[[int], int]) -> Action:
