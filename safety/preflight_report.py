@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from safety.collision import Clearance
@@ -30,16 +30,8 @@ class Check:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file; a number that is not finite becomes null."""
-        return {
-            "name": self.name,
-            "passed": self.passed,
-            "joint": self.joint,
-            "row": self.row,
-            "value": self.value if math.isfinite(self.value) else None,
-            "limit": self.limit if math.isfinite(self.limit) else None,
-            "unit": self.unit,
-            "sentence": self.sentence,
-        }
+        numbers = {name: getattr(self, name) for name in ("value", "limit")}
+        return asdict(self) | {name: value if math.isfinite(value) else None for name, value in numbers.items()}
 
 
 @dataclass(frozen=True, slots=True)

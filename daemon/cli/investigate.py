@@ -94,7 +94,7 @@ def investigate(
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
         account = msgspec.structs.replace(account, wanted=wanted)
-    acted = None if done is None else Action(done.value)
+    acted = None if done is None else Action(done)
     if mass is not None:
         acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))

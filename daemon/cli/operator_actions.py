@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 if TYPE_CHECKING:
     from identification.investigation.added_mass import AddedMass
-
-
-class Done(StrEnum):
-    """Actions of an operator that a command can be told of; a mass has an option of its own."""
-
-    TURN_TOOL = "turn_tool"
-    WARM_UP = "warm_up"
-    LEVEL_BASE = "level_base"
 
 
 class Wanted(StrEnum):
@@ -31,7 +23,8 @@ AddedMassOption = Annotated[
     typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
 ]
 DoneOption = Annotated[
-    Done | None, typer.Option("--done", help="What was done to the arm since, as the page asked for.")
+    Literal["turn_tool", "warm_up", "level_base"] | None,
+    typer.Option("--done", help="What was done to the arm since, as the page asked for."),
 ]
 SettleOption = Annotated[
     list[Wanted] | None, typer.Option("--settle", help="What no motion shows: gain of all sensors, load on the flange.")

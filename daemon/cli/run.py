@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from daemon.api import RunOutcome, WorkerStatus
     from daemon.cli.run_view import RunView
     from daemon.motion.preparation import PreparedMotion
-    from daemon.motion.tool import Tool
-    from identification.robots import Installation
 
 
 RobotHostOption = Annotated[
@@ -163,7 +161,7 @@ def run(
     """
     from daemon.cli.worker_view import wait_for_worker
     from daemon.config import DaemonConfig, load_config
-    from daemon.motion.preparation import write_monitor_request, write_run_request
+    from daemon.motion.preparation import prepare_motion, write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
     from daemon.run.folder import kept_once_begun, make_room
@@ -225,7 +223,11 @@ def run(
         message("Nothing will be commanded. The arm moves only if you or the robot's own program move it.")
     else:
         amplitude, lead_in_s = settings.pop("amplitude"), settings.pop("lead_in_s")
-        motion = _checked_motion(trajectory, robot, cell, model, carried, stand, amplitude, lead_in_s, named_by)
+        motion = prepare_motion(
+            trajectory, robot=robot, amplitude=amplitude, workspace=cell, model=model, tool=carried,
+            lead_in_s=lead_in_s, installation=stand,
+        )  # fmt: skip
+        _require_safe(motion, named_by)
         make_room(out)
         _admit(motion, settings)
         if not no_confirm and not simulation:
@@ -296,27 +298,11 @@ def _show(view: RunView, outcome: RunOutcome, fit: WorkerStatus | None, json_fil
         data(next_step(outcome, fit))
 
 
-def _checked_motion(
-    source: Path | None,
-    robot: str | None,
-    workspace: Path | None,
-    model: Path | None,
-    tool: Tool | None,
-    stand: Installation | None,
-    amplitude: float,
-    lead_in_s: float,
-    named_by: Path | None,
-) -> PreparedMotion:
-    """The motion, which the preflight found safe; else what it found is shown, and the command ends.
+def _require_safe(motion: PreparedMotion, named_by: Path | None) -> None:
+    """Show what the preflight found of a motion that is not safe, and end the command.
 
     named_by: the configuration that names the robot, where no option does: then the trajectory has to be for it.
     """
-    from daemon.motion.preparation import prepare_motion
-
-    motion = prepare_motion(
-        source, robot=robot, amplitude=amplitude, workspace=workspace, model=model, tool=tool,
-        lead_in_s=lead_in_s, installation=stand,
-    )  # fmt: skip
     meant_for = motion.trajectory.robot
     if named_by is not None and meant_for not in ("", motion.robot):
         raise ConfigurationError(f"{motion.name} was made for {meant_for}; --robot says otherwise.", file=str(named_by))
@@ -324,7 +310,6 @@ def _checked_motion(
         show_preflight(motion)
         message("The preflight found the motion unsafe; nothing was moved.")
         raise typer.Exit(1)
-    return motion
 
 
 def _admit(motion: PreparedMotion, settings: dict[str, Any]) -> None:

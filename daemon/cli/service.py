@@ -174,7 +174,7 @@ def submit_investigation(
             budget_minutes=budget,
             recordings=tuple(given or ()),
             settle=tuple(dict.fromkeys(item.value for item in settle or ())),
-            done=None if done is None else done.value,
+            done=done,
             added_mass=None if mass is None else (mass.mass_kg, *mass.place_m),
             after_drop=after_drop,
             unasked=yes,

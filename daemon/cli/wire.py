@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -27,15 +26,10 @@ fri_app = typer.Typer(
 app.add_typer(fri_app, name="fri")
 
 
-class Direction(StrEnum):
-    """Which way a datagram travels."""
-
-    MONITORING = "monitoring"
-    COMMAND = "command"
-
-
 VersionOption = Annotated[str, typer.Option("--fri-version", help="1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")]
-DirectionOption = Annotated[Direction, typer.Option("--direction", help="Robot to client, or client to robot.")]
+DirectionOption = Annotated[
+    Literal["monitoring", "command"], typer.Option("--direction", help="Robot to client, or client to robot.")
+]
 
 
 def _version(text: str) -> FriVersion:
@@ -55,7 +49,7 @@ def decode(fri_version: VersionOption, direction: DirectionOption) -> None:
     """
     version = _version(fri_version)
     for line in _lines():
-        if not data(json.dumps(decode_line(version, direction.value, line), allow_nan=False)):
+        if not data(json.dumps(decode_line(version, direction, line), allow_nan=False)):
             return
 
 
@@ -67,5 +61,5 @@ def encode(fri_version: VersionOption, direction: DirectionOption) -> None:
     """
     version = _version(fri_version)
     for line in _lines():
-        if not data(encode_line(version, direction.value, line)):
+        if not data(encode_line(version, direction, line)):
             return

@@ -127,12 +127,8 @@ def check_address(host: str) -> DoctorCheck:
             return _interface_check(interface, host)
     if host.startswith("127."):
         return _interface_check("lo", host)
-    return DoctorCheck(
-        name,
-        "failed",
-        f"No interface of this machine has the address {host}.",
-        f"give the interface on the robot's network the address {host}, or choose another with --bind.",
-    )
+    remedy = f"give the interface on the robot's network the address {host}, or choose another with --bind."
+    return DoctorCheck(name, "failed", f"No interface of this machine has the address {host}.", remedy)
 
 
 def _interface_check(interface: str, host: str) -> DoctorCheck:
@@ -146,31 +142,23 @@ def _interface_check(interface: str, host: str) -> DoctorCheck:
         )
     sentence = f"{host} is on {interface}{f', {stats.speed} Mbit/s' if stats is not None and stats.speed else ''}."
     if host.startswith("172.31."):
-        return DoctorCheck(
-            name,
-            "warning",
-            f"{sentence} 172.31.x.x is KUKA's line interface (KLI, X66), too irregular for send periods below 5 ms.",
-            "connect to the robot's KONI port (by default it is 192.170.10.2) and give this machine an address there.",
+        sentence += " 172.31.x.x is KUKA's line interface (KLI, X66), too irregular for send periods below 5 ms."
+        remedy = (
+            "connect to the robot's KONI port (by default it is 192.170.10.2) and give this machine an address there."
         )
+        return DoctorCheck(name, "warning", sentence, remedy)
     if "/usb" in str(Path(f"/sys/class/net/{interface}/device").resolve()):
-        return DoctorCheck(
-            name,
-            "warning",
-            f"{sentence} {interface} is a USB adapter, which delays messages irregularly.",
-            "use a network card of this machine.",
-        )
+        sentence += f" {interface} is a USB adapter, which delays messages irregularly."
+        return DoctorCheck(name, "warning", sentence, "use a network card of this machine.")
     return DoctorCheck(name, "ok", sentence)
 
 
 def _port_refused(host: str, port: int, error: OSError) -> DoctorCheck:
     if error.errno == errno.EADDRINUSE:
         holder = port_holder(port)
-        return DoctorCheck(
-            "port",
-            "failed",
-            f"UDP port {port} on {host} is in use{f' by {holder}' if holder else ' by a program of another user'}.",
-            f"stop {holder or 'the program that holds it'} or choose another port.",
-        )
+        sentence = f"UDP port {port} on {host} is in use by {holder or 'a program of another user'}."
+        remedy = f"stop {holder or 'the program that holds it'} or choose another port."
+        return DoctorCheck("port", "failed", sentence, remedy)
     return DoctorCheck(
         "port", "failed", f"UDP {host}:{port} cannot be bound: {error.strerror}.", "choose an address of this machine."
     )

@@ -96,21 +96,15 @@ def check_clock(step_s: float | None, seconds: float) -> DoctorCheck:
     step_s: CLOCK_REALTIME against CLOCK_MONOTONIC over `seconds`, None where nothing was watched.
     """
     if step_s is not None and abs(step_s) > CLOCK_STEP_S:
-        return DoctorCheck(
-            "clock",
-            "warning",
-            f"The clock jumped by {step_s * 1e3:.0f} ms within {seconds:.1f} s; times in a log count from its start.",
-            "let the clock settle (chrony or systemd-timesyncd), or stop the program that sets it.",
-        )
+        jump = f"The clock jumped by {step_s * 1e3:.0f} ms within {seconds:.1f} s; times in a log count from its start."
+        remedy = "let the clock settle (chrony or systemd-timesyncd), or stop the program that sets it."
+        return DoctorCheck("clock", "warning", jump, remedy)
     steady = "" if step_s is None else f"The clock moved by {abs(step_s) * 1e3:.2f} ms within {seconds:.1f} s. "
     if _clock_is_kept():
         return DoctorCheck("clock", "ok", f"{steady}It is synchronised.")
-    return DoctorCheck(
-        "clock",
-        "warning",
-        f"{steady}Nobody synchronises it: dates in logs are those of this machine alone.",
-        "let chrony or systemd-timesyncd keep the clock; a motion does not depend on it.",
-    )
+    sentence = f"{steady}Nobody synchronises it: dates in logs are those of this machine alone."
+    remedy = "let chrony or systemd-timesyncd keep the clock; a motion does not depend on it."
+    return DoctorCheck("clock", "warning", sentence, remedy)
 
 
 def _clock_is_kept() -> bool:
@@ -126,13 +120,12 @@ def check_realtime_limit() -> DoctorCheck:
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     if os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= 80:
         return DoctorCheck("rtprio limit", "ok", "Real-time priority is allowed.")
-    return DoctorCheck(
-        "rtprio limit",
-        "warning",
-        f"Real-time priority is allowed up to {limit}; the loop asks for 80 and goes on without.",
+    sentence = f"Real-time priority is allowed up to {limit}; the loop asks for 80 and goes on without."
+    remedy = (
         "add '@realtime - rtprio 98' and '@realtime - memlock unlimited' to /etc/security/limits.conf, "
-        "join that group and log in again.",
+        "join that group and log in again."
     )
+    return DoctorCheck("rtprio limit", "warning", sentence, remedy)
 
 
 def check_memory_lock() -> DoctorCheck:
@@ -140,32 +133,21 @@ def check_memory_lock() -> DoctorCheck:
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= NEEDED_MEMLOCK:
         return DoctorCheck("memlock limit", "ok", "Memory may be locked.")
-    return DoctorCheck(
-        "memlock limit",
-        "warning",
-        f"Only {limit // 1024} KiB of memory may be locked; page faults can delay an answer.",
-        "add '@realtime - memlock unlimited' to /etc/security/limits.conf and log in again.",
-    )
+    sentence = f"Only {limit // 1024} KiB of memory may be locked; page faults can delay an answer."
+    remedy = "add '@realtime - memlock unlimited' to /etc/security/limits.conf and log in again."
+    return DoctorCheck("memlock limit", "warning", sentence, remedy)
 
 
 def check_kernel() -> DoctorCheck:
     """Whether the kernel is a real-time one, and whether it has the machine for itself."""
     report = host_report()
     if report["virtual_machine"]:
-        return DoctorCheck(
-            "kernel",
-            "warning",
-            f"{report['platform']} runs in a virtual machine: a real robot may never grade the connection GOOD.",
-            "use a computer of its own for work on a real robot.",
-        )
+        sentence = f"{report['platform']} runs in a virtual machine: a real robot may never grade the connection GOOD."
+        return DoctorCheck("kernel", "warning", sentence, "use a computer of its own for work on a real robot.")
     if report["realtime_kernel"]:
         return DoctorCheck("kernel", "ok", f"Real-time kernel: {report['platform']}.")
-    return DoctorCheck(
-        "kernel",
-        "warning",
-        f"{report['platform']} is no real-time kernel: single answers can be late at 1 ms.",
-        "install a PREEMPT_RT kernel for work on a real robot.",
-    )
+    sentence = f"{report['platform']} is no real-time kernel: single answers can be late at 1 ms."
+    return DoctorCheck("kernel", "warning", sentence, "install a PREEMPT_RT kernel for work on a real robot.")
 
 
 def check_wake_ups(found: WakeUps | None, *, at_robot: bool) -> DoctorCheck:
@@ -198,12 +180,8 @@ def check_governor() -> DoctorCheck:
         return DoctorCheck("processor clock", "ok", "The system controls the processor's clock itself.")
     if governors == ["performance"]:
         return DoctorCheck("processor clock", "ok", "The governor is 'performance'.")
-    return DoctorCheck(
-        "processor clock",
-        "warning",
-        f"The governor is {', '.join(governors)}; the processor may be slow when a message arrives.",
-        "run `cpupower frequency-set -g performance`.",
-    )
+    sentence = f"The governor is {', '.join(governors)}; the processor may be slow when a message arrives."
+    return DoctorCheck("processor clock", "warning", sentence, "run `cpupower frequency-set -g performance`.")
 
 
 def check_load() -> DoctorCheck:

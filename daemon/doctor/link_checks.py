@@ -40,27 +40,18 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
     last, _, datagram = observation.datagrams[-1]
     guess = guess_version(datagram)
     if not guess.candidates:
-        return [
-            DoctorCheck(
-                "robot",
-                "failed",
-                f"{count} datagrams arrived from {', '.join(senders)}, but they are no FRI monitoring messages.",
-                "find out which program sends to this port.",
-            )
-        ]
+        sentence = f"{count} datagrams arrived from {', '.join(senders)}, but they are no FRI monitoring messages."
+        return [DoctorCheck("robot", "failed", sentence, "find out which program sends to this port.")]
     age = observation.duration_s - last
     remedy = ""
     if len(senders) > 1:
         remedy = "let only one robot send to this port, or name it in the run: --robot-host ADDRESS."
     if age > STALE_S:
         remedy = _STOPPED_REMEDY
+    seconds = f"{observation.duration_s:.1f} s"
+    sentence = f"{count} messages in {seconds} from {', '.join(senders)}, the last {age:.2f} s ago."
     checks = [
-        DoctorCheck(
-            "robot",
-            "warning" if remedy else "ok",
-            f"{count} messages in {observation.duration_s:.1f} s from {', '.join(senders)}, the last {age:.2f} s ago.",
-            remedy,
-        ),
+        DoctorCheck("robot", "warning" if remedy else "ok", sentence, remedy),
         DoctorCheck(
             "FRI version",
             "ok" if len(guess.candidates) == 1 else "warning",
@@ -119,12 +110,8 @@ def grade_link(observation: LinkObservation, guess: VersionGuess) -> DoctorCheck
         if message.connection_info is not None and message.connection_info.send_period:
             periods.append(message.connection_info.send_period * 1e-3)
     if len(arrivals) < FEWEST_TO_GRADE:
-        return DoctorCheck(
-            "link",
-            "warning",
-            f"Only {len(arrivals)} messages: too few to grade the link.",
-            "listen for longer: --listen 10.",
-        )
+        few = f"Only {len(arrivals)} messages: too few to grade the link."
+        return DoctorCheck("link", "warning", few, "listen for longer: --listen 10.")
     intervals = [after - before for before, after in pairwise(arrivals)]
     steps = [(after - before) % 2**32 for before, after in pairwise(counters)]
     period = statistics.median(periods) if periods else statistics.median(intervals)
@@ -168,24 +155,16 @@ def _answers(mirror: Mirror) -> DoctorCheck:
     """How the robot took the answers: the quality it came to, and how fast they were."""
     name = "answered link"
     if mirror.version is None:
-        return DoctorCheck(
-            name,
-            "warning",
-            "Nothing was answered: the bytes do not tell the FRI version.",
-            "name the version: --answer --fri-version 1.15.",
-        )
+        sentence = "Nothing was answered: the bytes do not tell the FRI version."
+        return DoctorCheck(name, "warning", sentence, "name the version: --answer --fri-version 1.15.")
     commanding = (
         f" {mirror.not_answered} messages were in a commanding state, which is not answered here."
         if mirror.not_answered
         else ""
     )
     if not mirror.delays_s:
-        return DoctorCheck(
-            name,
-            "warning",
-            f"No message could be answered as FRI {mirror.version.value}.{commanding}",
-            "look at state and version above.",
-        )
+        sentence = f"No message could be answered as FRI {mirror.version.value}.{commanding}"
+        return DoctorCheck(name, "warning", sentence, "look at state and version above.")
     delays = sorted(mirror.delays_s)
     p99 = delays[min(len(delays) - 1, int(0.99 * len(delays)))]
     course = " → ".join(
@@ -196,9 +175,5 @@ def _answers(mirror: Mirror) -> DoctorCheck:
     )
     if max(quality for _, quality in mirror.qualities) >= ConnectionQuality.GOOD:
         return DoctorCheck(name, "ok", sentence)
-    return DoctorCheck(
-        name,
-        "failed",
-        sentence,
-        "the robot lets nobody command below GOOD: mend the warnings about link and machine, then look again.",
-    )
+    remedy = "the robot lets nobody command below GOOD: mend the warnings about link and machine, then look again."
+    return DoctorCheck(name, "failed", sentence, remedy)

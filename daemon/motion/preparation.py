@@ -42,8 +42,8 @@ class PreparedMotion:
     """A motion ready to be run or refused.
 
     table: (N, 7) rad, one period at 1 kHz with the amplitude applied; preflight: the verdict on exactly this table.
-    surroundings: what it was held against, the tool among them; workspace_file: where they are described, None: a floor
-    alone. lead_in_s: end of the period that is driven before the first recorded one, s.
+    surroundings: what it was held against, the tool among them. lead_in_s: end of the period that is driven before the
+    first recorded one, s.
     foresight: what its torque was predicted with, None: nothing is known of the arm, and no torque was checked.
     installation: how the arm stands.
     """
@@ -55,7 +55,6 @@ class PreparedMotion:
     table: NDArray[np.float64]
     preflight: PreflightReport
     surroundings: Surroundings
-    workspace_file: Path | None
     foresight: TorqueForesight | None
     lead_in_s: float = LEAD_IN_S
     installation: Installation = ON_THE_FLOOR
@@ -108,9 +107,7 @@ def prepare_motion(
     foresight = torque_foresight(arm, model, surroundings.tool, stand)
     report = check_table(table, arm, surroundings, foresight, lead_in_s)
     name = f"shipped excitation of {arm}" if source is None else str(source)
-    return PreparedMotion(
-        name, arm, trajectory, amplitude, table, report, surroundings, workspace, foresight, lead_in_s, stand
-    )
+    return PreparedMotion(name, arm, trajectory, amplitude, table, report, surroundings, foresight, lead_in_s, stand)
 
 
 def check_table(

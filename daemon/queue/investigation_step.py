@@ -70,12 +70,10 @@ class StepAnswer(Message, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class StepEnded:
-    """A step has ended. answer: None where its process failed."""
+    """A step has ended."""
 
     job_id: str
-    answer: StepAnswer | None
-    sentence: str
-    exit_code: int
+    answer: StepAnswer
 
 
 def start_step(job_id: str, order: Order, post: Callable[[StepEnded], None]) -> None:
@@ -84,9 +82,9 @@ def start_step(job_id: str, order: Order, post: Callable[[StepEnded], None]) -> 
     def work() -> None:
         try:
             answer = _answer_to(order)
-            post(StepEnded(job_id, answer, answer.sentence, answer.exit_code))
         except Exception as error:
-            post(StepEnded(job_id, None, sentence_of(error), exit_code_of(error)))
+            answer = StepAnswer(sentence=sentence_of(error), exit_code=exit_code_of(error))
+        post(StepEnded(job_id, answer))
 
     threading.Thread(target=work, name="investigation", daemon=True).start()
 

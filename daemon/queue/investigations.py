@@ -111,17 +111,15 @@ class Investigations:
         answer = ended.answer
         if job.phase != "running" or not job.thinking:
             return
-        if answer is not None and answer.trajectory is not None:
+        if answer.trajectory is not None:
             job = self._store.change(
                 job.job_id, "held", answer.sentence, asks=answer.sentence, thinking=False, number=answer.number,
                 periods=answer.periods, added_mass=answer.added_mass, trajectory=answer.trajectory,
             )  # fmt: skip
             self._ask_for(job, RUNGS[-1] if self._config.is_simulation else RUNGS[0])
             return
-        badly = answer is not None and answer.moved_badly
-        open_ = answer is not None and ended.exit_code in (0, 1)
-        phase: JobPhase = "stopped" if badly else "done" if open_ else "failed"
-        self._store.change(job.job_id, phase, ended.sentence, thinking=False, exit_code=ended.exit_code)
+        phase: JobPhase = "stopped" if answer.moved_badly else "done" if answer.exit_code in (0, 1) else "failed"
+        self._store.change(job.job_id, phase, answer.sentence, thinking=False, exit_code=answer.exit_code)
 
     def _ask_for(self, job: Job, amplitude: float) -> None:
         """Put the next motion, or the next rung of its ladder, into the queue, where it waits for the operator."""

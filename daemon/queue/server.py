@@ -289,7 +289,7 @@ class Service:
             case StepEnded():
                 self._step_id = None
                 self._investigations.step_ended(posted)
-                self._tell(f"Investigation {posted.job_id}: {posted.sentence}")
+                self._tell(f"Investigation {posted.job_id}: {posted.answer.sentence}")
 
     def _begin_fit(self) -> None:
         job = None if self._fit_id else self._jobs.next_fit()

@@ -36,13 +36,10 @@ class Rung(msgspec.Struct, frozen=True, kw_only=True):
     run_id: str = ""
     finished_at: str = ""
 
-    def same_ladder(self, other: Rung) -> bool:
-        """Whether both stand on the same ladder."""
-        return (self.arm, self.trajectory_sha256, self.workspace_sha256) == (
-            other.arm,
-            other.trajectory_sha256,
-            other.workspace_sha256,
-        )
+    @property
+    def ladder(self) -> tuple[str, str, str]:
+        """What rungs of one ladder have in common."""
+        return self.arm, self.trajectory_sha256, self.workspace_sha256
 
 
 def rung_of(request: RunRequest) -> Rung:
@@ -77,7 +74,7 @@ def is_first_rung(request: RunRequest) -> bool:
 
 def _done(request: RunRequest, rung: Rung) -> float:
     """The largest amplitude that was completed on the ladder; 0: none yet."""
-    return max((line.amplitude for line in _read(ladder_file(request)) if line.same_ladder(rung)), default=0.0)
+    return max((line.amplitude for line in _read(ladder_file(request)) if line.ladder == rung.ladder), default=0.0)
 
 
 def admit(request: RunRequest) -> str:

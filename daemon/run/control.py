@@ -20,8 +20,8 @@ import psutil
 import zmq
 
 from daemon.control_messages import MAXIMUM_CONTROL_BYTES, ControlMessage, decode_control
+from daemon.endpoints import LONGEST_SOCKET_PATH
 
-_LONGEST_IPC_PATH = 107
 _PREFIX = "iiwa-run-"
 """Followed by the number of the process, whose end makes the folder useless."""
 
@@ -32,7 +32,7 @@ class ControlInbox:
     def __init__(self) -> None:
         self._folder = _private_folder(Path(tempfile.gettempdir()))
         path = self._folder / "control"
-        if len(str(path).encode()) > _LONGEST_IPC_PATH:
+        if len(str(path).encode()) > LONGEST_SOCKET_PATH:
             # The system's limit on socket names; /tmp is short and private folders in it are fine.
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = _private_folder(Path("/tmp"))

@@ -82,11 +82,11 @@ _STATUS_OFFSET = 49 * 8
 
 class HandoverRing:
     """Single-producer single-consumer ring of fixed slots in an anonymous memory file (layout: see the module's
-    text).
+    text). fd: descriptor of the memory file; slots: capacity in records.
     """
 
     def __init__(self, fd: int, *, owns_fd: bool) -> None:
-        self._fd = fd
+        self.fd = fd
         self._owns_fd = owns_fd
         size = os.fstat(fd).st_size
         if size < _HEADER_BYTES + SLOT_BYTES:
@@ -111,7 +111,7 @@ class HandoverRing:
             self.close()
             raise HandoverError(f"descriptor {fd} is no hand-over ring of layout version {_LAYOUT_VERSION}")
         self.gate = StartGate(words, self._bytes)
-        self._slots = slots
+        self.slots = slots
         self._stop_level = slots * 8 // 10
         self._produced = words[_W_PRODUCED]
         self._attempted = words[_W_ATTEMPTED]
@@ -161,18 +161,8 @@ class HandoverRing:
                 getattr(self, view).release()
         self._map.close()
         if self._owns_fd:
-            os.close(self._fd)
+            os.close(self.fd)
             self._owns_fd = False
-
-    @property
-    def fd(self) -> int:
-        """Descriptor of the memory file."""
-        return self._fd
-
-    @property
-    def slots(self) -> int:
-        """Capacity in records."""
-        return self._slots
 
     # The producer's side: the loop, and nobody else.
 
@@ -197,10 +187,10 @@ class HandoverRing:
         self._attempted = index + 1
         words[_W_ATTEMPTED] = index + 1
         produced = self._produced
-        if produced - words[_W_CONSUMED] >= self._slots:
+        if produced - words[_W_CONSUMED] >= self.slots:
             words[_W_LOST] += 1
             return False
-        start = _HEADER_BYTES + produced % self._slots * SLOT_BYTES
+        start = _HEADER_BYTES + produced % self.slots * SLOT_BYTES
         monitoring_length = len(monitoring)
         if monitoring_length > MONITORING_CAPACITY:
             monitoring_length = MONITORING_CAPACITY
@@ -260,14 +250,14 @@ class HandoverRing:
     def newest(self, count: int) -> list[HandoverRecord]:
         """Copies of the newest `count` records, oldest first, released or not; only while no producer is at work."""
         produced = self._words[_W_PRODUCED]
-        return [self._record(position) for position in range(max(0, produced - min(count, self._slots)), produced)]
+        return [self._record(position) for position in range(max(0, produced - min(count, self.slots)), produced)]
 
     def release(self) -> None:
         """Give back the slots of all records read so far (call it when they are safe)."""
         self._words[_W_CONSUMED] = self._cursor
 
     def _record(self, position: int) -> HandoverRecord:
-        start = _HEADER_BYTES + position % self._slots * SLOT_BYTES
+        start = _HEADER_BYTES + position % self.slots * SLOT_BYTES
         (
             index, receive_ns, send_ns, phase, period, sample_in_period, event_code, event_joint, disposition,
             event_value, event_limit, monitoring_length, command_mark, _,

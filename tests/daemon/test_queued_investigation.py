@@ -54,7 +54,7 @@ class Queue:
         job = self.investigations.next_step()
         assert job is not None
         order = self.investigations.step_of(job)
-        self.investigations.step_ended(StepEnded(job.job_id, answer, answer.sentence, answer.exit_code))
+        self.investigations.step_ended(StepEnded(job.job_id, answer))
         return order
 
     def end_run(self, run_id: str, outcome: str = "completed", code: int = 0) -> None:
@@ -138,7 +138,7 @@ def test_a_stop_while_it_thinks_holds_the_motion_that_follows(tmp_path: Path) ->
     assert job is not None
     queue.investigations.step_of(job)
     queue.jobs.hold_waiting()
-    queue.investigations.step_ended(StepEnded(job.job_id, MOTION, MOTION.sentence, 0))
+    queue.investigations.step_ended(StepEnded(job.job_id, MOTION))
     assert queue.jobs.next_run() is None
     assert queue.phases() == [("investigation", "held"), ("run", "held")]
 
@@ -151,7 +151,7 @@ def test_one_that_thinks_is_not_cancelled_and_says_when_it_can_be(tmp_path: Path
     queue.investigations.step_of(job)
     with pytest.raises(RefusedRequestError, match=r"moves nothing; once it asks for a motion, `cancel` ends it\.$"):
         queue.jobs.cancel(number)
-    queue.investigations.step_ended(StepEnded(number, MOTION, MOTION.sentence, 0))
+    queue.investigations.step_ended(StepEnded(number, MOTION))
     queue.jobs.cancel(number)
     assert queue.jobs.store.jobs[number].phase == "cancelled"
 
