@@ -74,7 +74,7 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
         check_tool(entry.tool, str(file), "tool.")
     if tool is not None:
         entry = msgspec.structs.replace(entry, tool=None if tool == Tool() else tool.over(entry.tool))
-    names = ["floor"]
+    names = ["floor", *(f"link {capsule.link}" for capsule in geometry.capsules)]
     walls = []
     for place, wall in enumerate(entry.walls):
         with _naming(file, f"walls[{place}]"):
@@ -112,7 +112,7 @@ def _naming(file: str | Path | None, field: str) -> Iterator[None]:
 
 def _new_name(name: str, names: list[str]) -> None:
     if not name or name in names:
-        raise GeometryError(f"The name {name!r} is empty or taken; reports need to tell walls and boxes apart.")
+        raise GeometryError(f"The name {name!r} is empty or taken; reports need to tell links, walls and boxes apart.")
     names.append(name)
 
 

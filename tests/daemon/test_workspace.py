@@ -58,6 +58,8 @@ def test_null_takes_the_floor_away(tmp_path: Path) -> None:
         ("walls:\n- {name: a, normal: [0, 0, 0], offset_m: 0}\n", "walls[0]"),
         ("walls:\n- {name: a, normal: [1, 0], offset_m: 0}\n", "walls"),
         ("walls:\n- {name: floor, normal: [1, 0, 0], offset_m: 0}\n", "walls[0]"),
+        # Judged by name: in the stops such a box was held against the smaller margin of two links.
+        ("boxes:\n- {name: link 7, center_m: [1, 0, 0], size_m: [1, 1, 1]}\n", "boxes[0]"),
         ("boxes:\n- {name: a, center_m: [0, 0, 0], size_m: [1, 1, 0]}\n", "boxes[0]"),
         ("boxes:\n- {name: a, center_m: [0, 0, 0], size_m: [1, 1, 1], colour: red}\n", "colour"),
         ("tool: {length_m: 0.1, radius_m: -1}\n", "tool"),
