@@ -107,13 +107,14 @@ def test_strong_physics_is_no_fault_of_the_data(quiet: Recording, faults, joint:
         assert faults(replace(quiet, torque=torque)) == (), name
 
 
-@pytest.mark.parametrize("case", [236, 365, 508])
+@pytest.mark.parametrize(("number", "families"), [(236, "poslow cable"), (365, "offset cable"), (508, "tilt xadj")])
 def test_springs_and_crosstalk_that_once_passed_for_faults_do_not(
-    iiwa14: RobotModel, faults, tmp_path: Path, case: int
+    iiwa14: RobotModel, faults, tmp_path: Path, number: int, families: str
 ) -> None:
     """Concealed cases of an opened seed: a spring of joint 4 read as a clock 4 % off, crosstalk as a turned sign."""
-    path = tmp_path / "A.npz"
-    write_recording(path, draw_case(20261121, case).first)
+    path, case = tmp_path / "A.npz", draw_case(20261121, number)
+    assert " ".join(effect["family"] for effect in case.label["effects"]) == families
+    write_recording(path, case.first)
     assert faults(read_recording(path)) == ()
 
 

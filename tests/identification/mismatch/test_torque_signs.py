@@ -32,14 +32,16 @@ SEED = 52000
 BACKGROUND, SLOW = 19, 26
 
 
-def pair(index: int, folder: Path) -> tuple[Recording, Recording]:
-    first, second = write_recordings(draw_case(SEED, index), folder)
+def pair(index: int, folder: Path, *label: str) -> tuple[Recording, Recording]:
+    case = draw_case(SEED, index)
+    assert (case.label["group"], *(effect["family"] for effect in case.label["effects"])) == label
+    first, second = write_recordings(case, folder)
     return read_recording(first), read_recording(second)
 
 
 @pytest.fixture(scope="module")
 def background(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Recording]:
-    return pair(BACKGROUND, tmp_path_factory.mktemp("background"))
+    return pair(BACKGROUND, tmp_path_factory.mktemp("background"), "background")
 
 
 def turned(recording: Recording, *joints: int) -> Recording:
@@ -70,7 +72,7 @@ def test_a_sign_turned_in_one_recording_is_that_recordings_alone(
 
 
 def test_a_slow_motion_that_shows_no_sign_has_that_of_the_others(tmp_path: Path, iiwa14_base: BaseRegressor) -> None:
-    slow, lively = (turned(recording, 3, 7) for recording in pair(SLOW, tmp_path))
+    slow, lively = (turned(recording, 3, 7) for recording in pair(SLOW, tmp_path, "single", "quadv"))
     assert found((slow, lively), iiwa14_base) == [("A.npz", (3, 7)), ("B.npz", (3, 7))]
 
 
