@@ -3,9 +3,10 @@
 Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.setup_faults --seed S [--rounds N] [--kinds A,B] [--json FILE]
 Each recording is cut into two halves (two runs of the KR300 are taken as they are): a model is fitted to one, the fault
 is put into the other, sizes and places are drawn. Right: the fault's name at its place and nothing else; silent: no
-name; wrong: any other. Coverage: how often the 95 % interval of its number holds what was put in. Strength: half of the
-χ² by which the fault moves the torque beyond noise and all that the model leaves open, on every row of the recording: a
-silent case below ENOUGH could not be named at odds of 400 : 1 by one who knew the fault's every detail but its size.
+name; wrong: any other. Coverage: how often the 95 % interval of its number holds what was put in. Seen: silent faults
+whose own kind at its own place has odds of 400 : 1 against nothing, on the rows of the audit and with the noise of the
+recording without the fault: one who knew kind and place, but not the size, would have seen them. Found: those of them
+that keep these odds where kind and place are not known, so that each costs the odds that a name has beforehand.
 The Panda's recording is not shipped (licence); without it beside the checkout its faults are left out, and said so.
 """
 
@@ -292,8 +293,11 @@ def judged(fault: Fault, result: Audit) -> tuple[str, bool | None]:
     return "right", None if number is None else number.interval[0] <= fault.number[1] <= number.interval[1]
 
 
-def known(background: Background, fault: Fault) -> float:
-    """Nats of a fault's own kind at its own place against nothing; nan for kinds that no number says."""
+def known(background: Background, fault: Fault) -> tuple[float, float]:
+    """Nats of a fault's own kind at its own place against nothing: for one who knows them, and for one who does not.
+
+    Both nan for kinds that no number says.
+    """
     clean, faulty = (
         compared([recording], background.robot, background.model)
         for recording in (background.recording, fault.recording)
@@ -304,7 +308,8 @@ def known(background: Background, fault: Fault) -> float:
         for item in possible(faulty)
         if (item.effect, next((each + 1 for each in (item.joint, item.link) if each is not None), None)) in fault.names
     ]
-    return max((gain_of(faulty, item) - item.log_odds for item in own), default=float("nan"))
+    found = [(gain_of(faulty, item), item.log_odds) for item in own] or [(float("nan"), 0.0)]
+    return max(gain - log_odds for gain, log_odds in found), max(gain for gain, _ in found)
 
 
 def main() -> int:
@@ -339,20 +344,21 @@ def main() -> int:
                 verdict, holds, said = "silent", None, str(error)
             runs += 1
             table[kind][verdict] += 1
-            nats = known(background, fault) if verdict == "silent" else float("nan")
+            nats, unknown = known(background, fault) if verdict == "silent" else 2 * (float("nan"),)
             table[kind]["seen"] += int(nats >= LEAST_GAIN)
+            table[kind]["found"] += int(unknown >= LEAST_GAIN)
             held += [] if holds is None else [bool(holds)]
             if arguments.verbose and (verdict != "right" or holds is False):
                 put_in = f"{background.name}, {kind} {fault.names} {fault.number}"
                 print(f"{put_in}: {verdict} {holds} {nats / LEAST_GAIN:.1f}: {said}", flush=True)
     total: Counter[str] = Counter()
-    print(f"{'':22} right silent wrong  silent that who knows the kind could see")
+    print(f"{'':23} right silent  wrong   seen  found (of the silent)")
     for kind, counts in table.items():
-        print(f"{kind:22} {counts['right']:5} {counts['silent']:6} {counts['wrong']:5}  {counts['seen']:6}")
+        print(f"{kind:22} {' '.join(f'{counts[name]:6}' for name in (*VERDICTS, 'seen', 'found'))}")
         total += counts if kind != "clean" else Counter()
     count = max(1, sum(total[name] for name in VERDICTS))
     shares = "  ".join(f"{name} {100 * total[name] / count:.0f} %" for name in VERDICTS)
-    print(f"together: {shares}; could be seen {total['seen']} of {total['silent']} silent ones")
+    print(f"together: {shares}; could be seen {total['seen']} of {total['silent']} silent ones, found {total['found']}")
     print(f"95 % intervals that hold: {100 * np.mean(held) if held else float('nan'):.0f} % of {len(held)}")
     if loads:
         near, inside = (sum(item) for item in zip(*((abs(error) < 0.1, holds) for error, holds in loads), strict=True))
