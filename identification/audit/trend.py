@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from identification.audit.between import fitted_to
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
 from identification.json_values import json_list
+from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -185,9 +185,9 @@ def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
         friction, std = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
         heat = np.array([_temperature(item, joint) for item in recordings])
         joints.append(JointTrend(joint, speed, friction, std, heat, change_point(friction, std)))
-    names, arms = _names(recordings), {item.source.metadata.get("serial", "") for item in recordings} - {""}
+    arms = {item.source.metadata.get("serial", "") for item in recordings} - {""}
     dated = tuple(known) if len(known) == len(recordings) else None
-    return Trend(names, dated, hours, tuple(joints), tuple(sorted(arms)))
+    return Trend(tuple(recording_names(recordings)), dated, hours, tuple(joints), tuple(sorted(arms)))
 
 
 def _hours(recordings: Sequence[Recording]) -> tuple[float, ...] | None:
@@ -252,10 +252,3 @@ def _temperature(recording: Recording, joint: int) -> float:
     if recording.temperature is None or not np.isfinite(recording.temperature[:, joint - 1]).any():
         return float("nan")
     return float(np.nanmean(recording.temperature[:, joint - 1]))
-
-
-def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """File names, with their folder where the file's alone would not tell them apart."""
-    paths = [Path(item.source.path) for item in recordings]
-    short = [path.name for path in paths]
-    return tuple(short if len(set(short)) == len(short) else ["/".join(path.parts[-2:]) for path in paths])

@@ -53,6 +53,17 @@ def test_the_day_on_which_friction_changed_is_found(series: list[Recording], iiw
     assert titles == ["Friction of each recording", "Friction by hours of operation"]
 
 
+def test_recordings_of_a_series_are_called_by_as_many_folders_as_tell_them_apart(
+    series: list[Recording], iiwa14: RobotModel
+) -> None:
+    paths = [f"{arm}/{month}/recording.mcap" for arm in ("left", "right") for month in ("may", "june")]
+    of_two_arms = [
+        replace(run, source=replace(run.source, path=path, metadata={}))
+        for run, path in zip(series[:4], paths, strict=True)
+    ]
+    assert trend_of(of_two_arms, iiwa14).names == tuple(paths)
+
+
 @pytest.mark.parametrize(
     ("apart_s", "unit", "last"), [(86400.0, "days", 4.0), (3600.0, "hours", 4.0), (90.0, "minutes", 6.0)]
 )
