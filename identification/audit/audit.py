@@ -129,7 +129,7 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
     model, first, now = given.model, found.first, found.now
     noise = now.noise
     before, after, least = (
-        np.sqrt(each.alone() / np.maximum(each.comparison.products.counts(REPORT), 1.0))
+        np.sqrt(each.reported(alone=True) / np.maximum(each.comparison.products.counts(REPORT), 1.0))
         for each in (explanation.holding(now.steps) for explanation in (first, now, found.whole))
     )
     numbers = found_numbers(now)

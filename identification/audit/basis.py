@@ -119,13 +119,23 @@ class Explanation:
         widths = np.concatenate([self._scattering()[1], *(step.width for step in self.steps)])
         return block_diag(parameters, np.diag(widths))
 
-    def fitted(self, parts: Sequence[int]) -> Estimate:
+    def fitted(self, parts: Sequence[int], alone: bool = False) -> Estimate:
         """All that is free, by the rows of some parts."""
-        return self._fitted(parts, self.columns(), self.factor())
-
-    def _fitted(self, parts: Sequence[int], columns: IntArray, factor: FloatArray) -> Estimate:
+        columns, factor = self._free(alone)
         gram, right = self.comparison.products.summed(parts, self.noise.weight)
         return posterior(gram[np.ix_(columns, columns)], right[columns], factor)
+
+    def _free(self, alone: bool) -> tuple[IntArray, FloatArray]:
+        """Places (k,) of what is free, and the root of its prior. alone: the differences by themselves.
+
+        The parameters then stay at the model's values, but for the friction and offsets of a drawn model, which says
+        nothing of them: what they would take explains nothing.
+        """
+        columns, factor, size = self.columns(), self.factor(), PARAMETERS * self.layout.n
+        free = np.ones(len(columns), dtype=np.bool_)
+        if alone:
+            free[:size] = (np.arange(size) % PARAMETERS >= INERTIAL) & (not self.model.own)
+        return columns[free], factor[free]
 
     def gains(self, candidates: Sequence[Hypothesis]) -> list[tuple[float, float, Hypothesis]]:
         """(log odds against none, likeliest day, hypothesis), the best first: whatever day it is, on rows in use."""
@@ -133,9 +143,9 @@ class Explanation:
         columns, alone, beside = self.columns(), [], []
         for day in DAYS:
             factor = self.factor(day)
-            alone.append(log_evidence(gram[np.ix_(columns, columns)], right[columns], factor))
-            left = marginal(gram, right, columns, factor)
-            beside.append([_evidence(*left, each) for each in candidates])
+            alone.append(_evidence(gram, right, columns, factor))
+            left, seen = marginal(gram, right, columns, factor)
+            beside.append([_evidence(left, seen, each.columns, each.width) for each in candidates])
         total = np.array(alone)[:, None] + np.array(beside)
         gained = np.logaddexp.reduce(total, axis=0) - np.logaddexp.reduce(alone)
         days = [DAYS[place] for place in np.argmax(total, axis=0)]
@@ -147,39 +157,20 @@ class Explanation:
     def evidence(self) -> float:
         """Log evidence of the rows in use, whatever day it is, up to a constant of the noise."""
         gram, right = self.comparison.products.summed(USED, self.noise.weight)
-        columns = self.columns()
-        gram, right = gram[np.ix_(columns, columns)], right[columns]
+        each = [_evidence(gram, right, self.columns(), self.factor(day)) for day in DAYS]
         square = float(self.noise.weight @ self.comparison.products.square[list(USED)].sum(axis=0))
-        return float(np.logaddexp.reduce([log_evidence(gram, right, self.factor(day)) for day in DAYS])) - 0.5 * square
+        return float(np.logaddexp.reduce(each)) - 0.5 * square
 
     def foretold(self, parts: Sequence[int] = USED, alone: bool = False) -> FloatArray:
-        """(parts, n) sum of squares that is left on each part by what is fitted on the others; alone: as of `alone`."""
-        columns, factor = self._alone() if alone else (self.columns(), self.factor())
-        left = []
-        for part in parts:
-            values = self._fitted([other for other in parts if other != part], columns, factor).values
-            left.append(self.comparison.products.left((part,), values, columns))
-        return np.array(left)
+        """(parts, n) sum of squares that is left on each part by what is fitted on the others; alone: as in `_free`."""
+        return np.array([self._left((part,), [other for other in parts if other != part], alone) for part in parts])
 
-    def reported(self) -> FloatArray:
+    def reported(self, alone: bool = False) -> FloatArray:
         """(n,) sum of squares that is left on the rows that report by what is fitted on those in use."""
-        columns = self.columns()
-        return self.comparison.products.left(REPORT, self.fitted(USED).values, columns)
+        return self._left(REPORT, USED, alone)
 
-    def alone(self) -> FloatArray:
-        """(n,) sum of squares that the differences alone leave on the rows that report, fitted on those in use.
-
-        The parameters stay at the model's values, but for the friction and offsets of a drawn model, which says nothing
-        of them: what they would take explains nothing.
-        """
-        columns, factor = self._alone()
-        return self.comparison.products.left(REPORT, self._fitted(USED, columns, factor).values, columns)
-
-    def _alone(self) -> tuple[IntArray, FloatArray]:
-        columns, size = self.columns(), PARAMETERS * self.layout.n
-        free = np.ones(len(columns), dtype=np.bool_)
-        free[:size] = (np.arange(size) % PARAMETERS >= INERTIAL) & (not self.model.own)
-        return columns[free], self.factor()[free]
+    def _left(self, parts: Sequence[int], fitted: Sequence[int], alone: bool) -> FloatArray:
+        return self.comparison.products.left(parts, self.fitted(fitted, alone).values, self._free(alone)[0])
 
     def deviation_of_last(self) -> tuple[FloatArray, FloatArray]:
         """Values (m,) and covariance (m, m) of the last difference beside all else, by all rows."""
@@ -188,5 +179,5 @@ class Explanation:
         return found.values[own], found.covariance[own, own]
 
 
-def _evidence(gram: FloatArray, right: FloatArray, each: Hypothesis) -> float:
-    return log_evidence(gram[np.ix_(each.columns, each.columns)], right[each.columns], np.diag(each.width))
+def _evidence(gram: FloatArray, right: FloatArray, columns: IntArray, factor: FloatArray) -> float:
+    return log_evidence(gram[np.ix_(columns, columns)], right[columns], factor)

@@ -100,8 +100,8 @@ def compare(
     columns[..., layout.zero :] = slopes
     target = set_up.signs * torque - expected
     part = rows.block % PARTS if part is None else part
-    parts = [part == each for each in ALL]
-    return Comparison(set_up, geometry, products_of(columns, target, rows.used, parts), expected, target, slopes)
+    products = products_of(columns, target, rows.used, part, PARTS)
+    return Comparison(set_up, geometry, products, expected, target, slopes)
 
 
 def noise_of(
@@ -120,7 +120,7 @@ def noise_of(
     if beside is not None:
         columns = np.concatenate([columns, beside], axis=2)
         widths = np.concatenate([widths, np.ones(beside.shape[2])])
-    everything = products_of(columns, measured, rows.used, [np.ones(len(rows.block), dtype=np.bool_)])
+    everything = products_of(columns, measured, rows.used, np.zeros_like(rows.block), 1)
     factor = np.diag(widths)
     std = np.maximum(0.1 * sizes.torque, 1e-9)
     left = measured

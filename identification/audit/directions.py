@@ -14,8 +14,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
 from identification.arrays import FloatArray
-from identification.audit.columns import GRAVITY, HEAVY, PARAMETERS, Geometry, across
-from identification.audit.columns import INERTIAL as _INERTIAL
+from identification.audit.columns import GRAVITY, HEAVY, INERTIAL, PARAMETERS, Geometry, across
 from identification.audit.evidence import Products, between_parts, log_evidence, products_of
 
 POINTS = 80
@@ -50,8 +49,7 @@ class Directions:
         free = geometry.columns(np.zeros(3))
         heavy = np.moveaxis(geometry.heavy, 0, 2).reshape(count, n, -1)
         columns = np.concatenate([free, heavy], axis=2)
-        chosen = [geometry.rows.block % parts == part for part in range(parts)]
-        return cls(products_of(columns, torque, geometry.rows.used, chosen), n)
+        return cls(products_of(columns, torque, geometry.rows.used, geometry.rows.block % parts, parts), n)
 
     @property
     def parts(self) -> tuple[int, ...]:
@@ -65,8 +63,8 @@ class Directions:
         gram, right = products
         size = PARAMETERS * self.n
         scale = np.ones((self.n, PARAMETERS))
-        scale[:, :_INERTIAL] = ratio**2
-        scale[:, _INERTIAL], scale[:, -1] = ratio, ratio**2
+        scale[:, :INERTIAL] = ratio**2
+        scale[:, INERTIAL], scale[:, -1] = ratio, ratio**2
         own = scale.ravel()
         heavy = self._heavy
         # Columns that feel gravity are the free ones plus those per unit of it; all is quadratic in the gravity.

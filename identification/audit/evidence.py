@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,15 +49,18 @@ class Products:
         return np.asarray(self.count[list(parts)].sum(axis=0), dtype=np.float64)
 
 
-def products_of(columns: FloatArray, target: FloatArray, used: BoolArray, parts: Sequence[BoolArray]) -> Products:
-    """Products of columns (R, n, K) and target (R, n) over the rows (R,) of each part, rows of a joint at rest out."""
+def products_of(columns: FloatArray, target: FloatArray, used: BoolArray, part: IntArray, parts: int) -> Products:
+    """Products of columns (R, n, K) and target (R, n) over the rows of each part, rows of a joint at rest out.
+
+    part: (R,) which of so many parts a row is in.
+    """
     n, width = target.shape[1], columns.shape[2]
-    gram, right = np.zeros((len(parts), n, width, width)), np.zeros((len(parts), n, width))
-    square, count = np.zeros((len(parts), n)), np.zeros((len(parts), n))
+    gram, right = np.zeros((parts, n, width, width)), np.zeros((parts, n, width))
+    square, count = np.zeros((parts, n)), np.zeros((parts, n))
     for joint in range(n):
         live = np.flatnonzero(columns[:, joint].any(axis=0))
-        for place, part in enumerate(parts):
-            rows = part & used[:, joint]
+        for place in range(parts):
+            rows = (part == place) & used[:, joint]
             own, seen = columns[rows][:, joint][:, live], target[rows, joint]
             gram[place, joint][np.ix_(live, live)] = own.T @ own
             right[place, joint, live] = own.T @ seen
@@ -110,10 +113,8 @@ def between_parts(without: FloatArray) -> FloatArray:
     """
     from scipy.special import stdtrit  # slow to load, and a recording that agrees with its robot does without
 
-    count = len(without)
-    moved = without - without.mean(axis=0)
-    wider = float(stdtrit(count - 1, 0.975)) / 1.96
-    return np.asarray(wider**2 * (count - 1) / count * moved.T @ moved)
+    wider = float(stdtrit(len(without) - 1, 0.975)) / 1.96
+    return _scatter(without, wider)
 
 
 def as_they_scatter(covariance: FloatArray, without: FloatArray) -> FloatArray:
@@ -122,11 +123,15 @@ def as_they_scatter(covariance: FloatArray, without: FloatArray) -> FloatArray:
     One factor for all: the jackknife's own variance along k directions together, in units of the covariance, is known
     far better than along one. Parts that scatter less are chance.
     """
+    ratio = float(np.trace(np.linalg.solve(covariance, _scatter(without)))) / len(covariance)
+    return covariance * max(1.0, ratio)
+
+
+def _scatter(without: FloatArray, wider: float = 1.0) -> FloatArray:
+    """(k, k) the jackknife's covariance of values (parts, k), each with one part left out; deviations times `wider`."""
     count = len(without)
     moved = without - without.mean(axis=0)
-    scatter = (count - 1) / count * moved.T @ moved
-    ratio = float(np.trace(np.linalg.solve(covariance, scatter))) / len(covariance)
-    return covariance * max(1.0, ratio)
+    return np.asarray(wider**2 * (count - 1) / count * moved.T @ moved)
 
 
 def repeated_rows(left: FloatArray, used: BoolArray, smallest: float = 0.05, longest: int = 60) -> FloatArray:

@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
-from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
 from identification.audit.given import Sizes, sizes_of, wide_open
 from identification.audit.misread import STAYS
-from identification.audit.rows import REPEATED, Rows, rows_of
+from identification.audit.rows import MOTION, REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -92,14 +92,5 @@ def _exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:
     """The rows with the motion of two joints in each other's place; torques stay."""
     order = np.arange(rows.position.shape[1])
     order[list(pair)] = order[list(pair[::-1])]
-
-    def of(values: FloatArray) -> FloatArray:
-        return values[:, order]
-
-    return replace(
-        rows,
-        position=of(rows.position),
-        velocity=of(rows.velocity),
-        acceleration=of(rows.acceleration),
-        direction=of(rows.direction),
-    )
+    motion: dict[str, Any] = {name: getattr(rows, name)[:, order] for name in MOTION}
+    return replace(rows, **motion)

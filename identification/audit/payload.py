@@ -177,35 +177,26 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
     Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]]
 ]:  # fmt: skip
     """The estimate weighted by what it leaves itself, its products and weights (n,), and the loaded runs' RMS."""
-    colour, used = Colour.white(std), np.concatenate([rows.used for rows in runs])
+    torque, used, before, block = (
+        np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
+    )
+    every, colour = np.concatenate(columns), Colour.white(std)
     for _ in range(_TURNS):
         weight = 1.0 / colour.std**2
-        each = [_innovations(rows, matrix, colour) for rows, matrix in zip(runs, columns, strict=True)]
-        products = Products(*(getattr(each[0], name) + getattr(each[1], name) for name in _PRODUCTS))
+        white = colour.innovations(every, before), colour.innovations(torque, before)
+        products = products_of(*white, used, block % PARTS, PARTS)
         estimate = posterior(*products.summed(ALL, weight), factor)
-        left = [
-            np.where(rows.used, rows.torque - matrix @ estimate.values, 0.0)
-            for rows, matrix in zip(runs, columns, strict=True)
-        ]
-        colour = colour_of(np.concatenate(left), used)
+        left = np.where(used, torque - every @ estimate.values, 0.0)
+        colour = colour_of(left, used)
         colour = replace(colour, std=np.maximum(colour.std, 1e-9))
     own = slice(factor.shape[0] - 3 * len(std) - INERTIAL, factor.shape[0] - 3 * len(std))
     body = columns[1][..., own] @ estimate.values[own]
-    loaded = runs[1].used
+    loaded, stays = runs[1].used, left[len(runs[0].used) :]
     rms = [
         tuple(float(v) for v in np.sqrt((item**2).sum(axis=0) / np.maximum(loaded.sum(axis=0), 1)))
-        for item in (np.where(loaded, left[1] + body, 0.0), left[1])
+        for item in (np.where(loaded, stays + body, 0.0), stays)
     ]
     return estimate, products, weight, (rms[0], rms[1])
-
-
-def _innovations(rows: Rows, columns: FloatArray, colour: Colour) -> Products:
-    before = rows.before
-    white = colour.innovations(columns, before), colour.innovations(rows.torque, before)
-    return products_of(*white, rows.used, [rows.block % PARTS == part for part in ALL])
-
-
-_PRODUCTS = ("gram", "right", "square", "count")
 
 
 def _physical(body: FloatArray, flange: Flange) -> FloatArray:

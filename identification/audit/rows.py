@@ -32,7 +32,8 @@ LEAST_TRAVEL = 1e-3
 FEWEST_ROWS = 40
 REPEATED = 4.0
 """Neighbouring rows that count as one where their colour is not asked."""
-_ARRAYS = ("position", "velocity", "acceleration", "direction", "torque", "torque_rate", "used", "block")
+MOTION = "position", "velocity", "acceleration", "direction"
+_ARRAYS = *MOTION, "torque", "torque_rate", "used", "block"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

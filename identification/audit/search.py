@@ -5,7 +5,9 @@ Pure.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,8 +42,16 @@ SLOWEST = 0.3
 SIGN_BELOW = -0.3
 """A scale below this is a sensor read with the wrong sign, not a weak one."""
 
-Scored = tuple[float, float, Hypothesis]
 Place = tuple[str, int | None, int | None]
+
+
+class Scored(NamedTuple):
+    """What a difference gains, on the likeliest day, and the reading of the data from where it gains it."""
+
+    nats: float
+    day: float
+    item: Hypothesis
+    start: Explanation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,12 +132,8 @@ def possible(first: Explanation) -> list[Hypothesis]:
 def gain_of(now: Explanation, item: Hypothesis) -> float:
     """Log odds of one difference against none, read from wherever it is likeliest."""
     score, day, _ = now.gains([item])[0]
-    if not item.bends:
-        return score
-    starts = [_bent(now.plus(item, day)).without([item])]
-    if item.effect == "base_tilt" and (anywhere := _turned_base(now)) is not None:
-        starts.append(anywhere)
-    return max(score, *(_score_there(now, start, item)[0] for start in starts))
+    starts = [_bent(now.plus(item, day)).without([item])] if item.bends else []
+    return _likeliest(Scored(score, day, item, now), [*starts, *_anywhere(now, item)]).nats
 
 
 def _with_inertia(now: Explanation, candidates: list[Hypothesis]) -> Explanation:
@@ -161,29 +167,25 @@ def _next(now: Explanation, candidates: list[Hypothesis], first: Explanation) ->
     known = {item.place for item in now.steps}
     candidates = [item for item in candidates if item.place not in known]
     now, starts = _read_otherwise(now, candidates)
-    scored = []
-    for score, day, item in now.gains(candidates):
-        one = _score_there(now, starts[item.place], item) if item.place in starts else (-np.inf, day, item)
-        if one[0] <= score:
-            one = score, day, item
-            starts.pop(item.place, None)
-        scored.append(one)
-    scored.sort(key=lambda one: -one[0])
-    for score, day, item in _fewest_columns_first(scored, now.model.own)[:TRIED]:
-        if score < LEAST_GAIN:
+    here = (Scored(*gained, now) for gained in now.gains(candidates))
+    scored = sorted((_likeliest(one, starts[one.item.place]) for one in here), key=lambda one: -one.nats)
+    for one in _fewest_columns_first(scored, now.model.own)[:TRIED]:
+        if one.nats < LEAST_GAIN:
             return None
-        after = starts.get(item.place, now).plus(item, day)
-        after = _bent(after) if item.bends else after
+        after = one.start.plus(one.item, one.day)
+        after = _bent(after) if one.item.bends else after
         least = LATER_SHARE if now.steps else FIRST_SHARE
         if _share(now, after, first) < least or _sigmas(now, after) < LEAST_SIGMAS or not _plausible(after):
             continue
         explained = _explained(now, after, first)
         if explained > 0.0:
-            return Step(item, score, explained, _alike(item, score, scored)), after
+            return Step(one.item, one.nats, explained, _alike(one, scored)), after
     return None
 
 
-def _read_otherwise(now: Explanation, candidates: list[Hypothesis]) -> tuple[Explanation, dict[Place, Explanation]]:
+def _read_otherwise(
+    now: Explanation, candidates: list[Hypothesis]
+) -> tuple[Explanation, dict[Place, list[Explanation]]]:
     """With the noise of that reading of the data, among the likeliest, which leaves least; and those readings.
 
     A fault that parameters cannot take looks like noise in the torque as it is read, and would hide itself. One that
@@ -198,20 +200,18 @@ def _read_otherwise(now: Explanation, candidates: list[Hypothesis]) -> tuple[Exp
         else:
             noises.append(now.noise_with(item))
     now = replace(now, noise=min(noises, key=lambda noise: noise.loudness))
-    starts = {place: replace(start, noise=now.noise) for place, start in starts.items()}
-    for item in candidates:
-        if item.effect == "base_tilt":
-            anywhere = _turned_base(now)
-            near = starts.get(item.place, anywhere)
-            if anywhere is not None and near is not None:
-                starts[item.place] = max(anywhere, near, key=lambda start: _score_there(now, start, item)[0])
-    return now, starts
+    near = {place: [replace(start, noise=now.noise)] for place, start in starts.items()}
+    return now, {item.place: [*near.get(item.place, []), *_anywhere(now, item)] for item in candidates}
 
 
-def _score_there(now: Explanation, start: Explanation, item: Hypothesis) -> Scored:
-    """What a difference gains where the data are read otherwise from the start."""
-    score, day, _ = start.gains([item])[0]
-    return score + start.evidence() - now.evidence(), day, item
+def _likeliest(here: Scored, starts: Sequence[Explanation]) -> Scored:
+    """What a difference gains where it gains most: here, or where the data are read otherwise from the start."""
+    found = here
+    for start in starts:
+        score, day, item = start.gains([here.item])[0]
+        there = Scored(score + start.evidence() - here.start.evidence(), day, item, start)
+        found = max(found, there, key=lambda one: one.nats)
+    return found
 
 
 def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
@@ -224,12 +224,11 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
         replace(each, day=DAYS[0], noise=noise).holding(after.steps[-1:]).foretold().sum(axis=0)
         for each in (first, now, after)
     )
-    acts = _heard(now, after) >= LEAST_TORQUE
-    if not acts.any():
+    heard = _heard(now, after) >= LEAST_TORQUE
+    if not heard.any():
         return 0.0
-    if now.steps:
-        # One that comes besides has to matter to the whole; else the misfit of the first one's model gets a name.
-        acts[:] = True
+    # One that comes besides has to matter to the whole; else the misfit of the first one's model gets a name.
+    acts = heard | bool(now.steps)
     taken = (noise.weight * (before - left))[acts].sum()
     beyond = (noise.weight * np.maximum(whole - counts * noise.std**2, 0.0))[acts].sum()
     return float(taken / max(beyond, 1e-300))
@@ -335,29 +334,31 @@ def _all_turned(first: Explanation) -> bool:
     return size == 0.0 or best > there.best(weight, *prior, size)[1] + LEAST_GAIN
 
 
-def _turned_base(now: Explanation) -> Explanation | None:
-    """The base turned to where gravity is likeliest on the whole sphere, which no tangent reaches."""
+def _anywhere(now: Explanation, item: Hypothesis) -> list[Explanation]:
+    """For a base that is turned: to where gravity is likeliest on the whole sphere, which no tangent reaches."""
     read: Comparison = now.comparison
     size = float(np.linalg.norm(read.set_up.gravity))
-    if size == 0.0:
-        return None
+    if item.effect != "base_tilt" or size == 0.0:
+        return []
     everything = Directions.of(read.geometry, torque_as_read(read.geometry, read.set_up))
     weight = now.noise.weight * read.products.counts(USED) / np.maximum(read.products.counts(ALL), 1.0)
     prior = now.model.values, root_of(now.model.covariance_on(now.day), now.sizes.each)
     gravity, _ = everything.best(weight, *prior, size)
-    return now.read(replace(read.set_up, gravity=gravity))
+    return [now.read(replace(read.set_up, gravity=gravity))]
 
 
-def _alike(item: Hypothesis, score: float, scored: list[Scored]) -> tuple[Hypothesis, ...]:
+def _alike(one: Scored, scored: list[Scored]) -> tuple[Hypothesis, ...]:
     """Other places or things with the same evidence, one of each; none for what was turned into the data."""
+    item = one.item
     if item.bends:
         return ()
-    found: dict[tuple[str, int | None, int | None], Hypothesis] = {}
-    for other_score, _, other in scored:
-        near = max(AS_LIKELY, ALIKE * score if item.is_body and other.is_body else 0.0)
+    found: dict[Place, Hypothesis] = {}
+    for each in scored:
+        other = each.item
+        near = max(AS_LIKELY, ALIKE * one.nats if item.is_body and other.is_body else 0.0)
         # A link that is another and a load on it are one body to the torque.
         same = item.is_body and other.link == item.link
-        if other.place != item.place and (same or abs(other_score - score) < near):
+        if other.place != item.place and (same or abs(each.nats - one.nats) < near):
             found.setdefault(other.place, other)
     return tuple(found.values())
 
@@ -368,14 +369,15 @@ def _fewest_columns_first(scored: list[Scored], own: bool) -> list[Scored]:
     On the last joint's axis a load does to the torque what it does on the link before: most loads hang at the flange.
     own: of a fit of this arm, where a link does not change but what hangs on it does.
     """
-    if not scored or not scored[0][2].is_body:
+    if not scored or not scored[0].item.is_body:
         return scored
-    best = scored[0][0]
-    alike = [one for one in scored if one[2].is_body and one[0] > best - ALIKE * abs(best)]
+    best = scored[0].nats
+
+    def alike(one: Scored) -> bool:
+        return one.item.is_body and one.nats > best - ALIKE * abs(best)
 
     def order(one: Scored) -> tuple[bool, int, float, float]:
-        return own and one[2].effect == "link_parameters", len(one[2].columns), -one[2].log_odds, -one[0]
+        item = one.item
+        return own and item.effect == "link_parameters", len(item.columns), -item.log_odds, -one.nats
 
-    alike.sort(key=order)
-    chosen = {id(one[2]) for one in alike}
-    return [*alike, *[one for one in scored if id(one[2]) not in chosen]]
+    return [*sorted(filter(alike, scored), key=order), *(one for one in scored if not alike(one))]

@@ -7,7 +7,7 @@ from math import acos, degrees
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.audit.columns import SYMBOLS, SetUp, across
+from identification.audit.columns import HEAVY, PARAMETERS, SYMBOLS, SetUp, across
 from identification.audit.difference import Difference, Number, numbers_of, with_interval
 from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
@@ -111,7 +111,7 @@ def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[
     text = f"A load of {with_interval(numbers[0])} on {where}"
     if mass < 0.0:
         text = f"{with_interval(Number('mass', -mass, spread, 'kg'))} less on {where}: a load was taken off"
-    places = {int(column) % 14: row for row, column in enumerate(found.hypothesis.columns)}
+    places = {int(column) % PARAMETERS: row for row, column in enumerate(found.hypothesis.columns)}
     if all(axis in places for axis in (1, 2, 3)) and mass != 0.0:
         rows = [places[axis] for axis in (1, 2, 3)]
         center = found.values[rows] / mass
@@ -124,18 +124,18 @@ def _load(found: Found, std: FloatArray, robot: RobotModel, link: int) -> tuple[
         numbers += numbers_of([f"com_{axis}" for axis in "xyz"], center, deviations, 3 * ["m"])
         text += f", centre ({', '.join(f'{round(1e3 * value)}' for value in center)}) mm {frame}"
     for place, row in places.items():
-        if place >= 4:
+        if place >= HEAVY:
             numbers.append(Number(_BODY[place], float(found.values[row]), float(std[row]), "kg m^2"))
     return tuple(numbers), text
 
 
 def _body(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
-    places = [int(column) % 14 for column in hypothesis.columns]
+    places = [int(column) % PARAMETERS for column in hypothesis.columns]
     return numbers_of([_BODY[place] for place in places], values, std, [_BODY_UNITS[place] for place in places])
 
 
 def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
-    names, units = zip(*(_FRICTION[SYMBOLS[int(column) % 14]] for column in hypothesis.columns), strict=True)
+    names, units = zip(*(_FRICTION[SYMBOLS[int(column) % PARAMETERS]] for column in hypothesis.columns), strict=True)
     return numbers_of(names, values, std, units)
 
 
