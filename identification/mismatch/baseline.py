@@ -152,6 +152,7 @@ def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str,
 def compare_model(
     source: str,
     values: FloatArray,
+    beside: FloatArray | None,
     evidences: Sequence[Evidence],
     problem: Problem,
     extension: Extension,
@@ -163,17 +164,24 @@ def compare_model(
 
     extension: base parameters fitted with the findings; their covariance is scaled by what the fit leaves, so that
     missing physics does not make a right model look wrong. after, missing_nm: what is left with and without findings.
+    beside: (R, n) Nm that the model predicts beside its base parameters; these are then compared with parameters fitted
+    beside the same torque, not beside the findings.
     """
     size = regressor.size
     samples = sum(item.samples for item in evidences)
     used = np.concatenate([item.used for item in evidences])
     columns = np.where(used[..., None], np.concatenate([item.nominal for item in evidences]), 0.0)
     torque = np.where(used, np.concatenate([item.torque for item in evidences]), 0.0)
-    difference = values - extension.base[:size]
+    fitted = extension.base[:size]
 
     def rms(rows: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(np.sum(rows**2, axis=0) / samples), dtype=np.float64)
 
+    if beside is not None:
+        torque = np.where(used, torque - beside, 0.0)
+        fitted = _fitted(columns, torque, problem.weight)
+        missing_nm = rms(torque - columns @ fitted)
+    difference = values - fitted
     left = (after.rows * problem.weight).ravel()
     excess = max(1.0, float(left @ left) / max(1, int(np.count_nonzero(problem.weight)) - problem.basis.shape[1]))
     covariance = extension.loose[:size] @ extension.loose[:size].T * excess
@@ -181,7 +189,7 @@ def compare_model(
     link_of = np.array([int(name.rsplit("_", 1)[1]) for name in regressor.names])
     parameters = tuple(
         ParameterDeviation(
-            name, int(link_of[index]), float(values[index]), float(extension.base[index]), float(std[index]), unit,
+            name, int(link_of[index]), float(values[index]), float(fitted[index]), float(std[index]), unit,
             float(np.sqrt(np.sum(rms(columns[:, :, index] * difference[index]) ** 2))),
         )
         for index, (name, unit) in enumerate(zip(regressor.names, regressor.units, strict=True))
@@ -203,3 +211,11 @@ def compare_model(
         parameters=parameters,
         links=tuple(links),
     )
+
+
+def _fitted(columns: FloatArray, torque: FloatArray, weight: FloatArray) -> FloatArray:
+    """(p,) least squares of (R, n) Nm on columns (R, n, p), rows times their weight (n, R) 1/Nm."""
+    weighted = (columns * weight.T[..., None]).reshape(-1, columns.shape[2])
+    scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
+    values = np.linalg.lstsq(weighted / scale, (torque * weight.T).ravel(), rcond=None)[0]
+    return np.asarray(values / scale, dtype=np.float64)

@@ -22,7 +22,7 @@ from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
 from identification.fitting.settings import Split
 from identification.mismatch.aperiodic_evidence import default_split
-from identification.mismatch.baseline import ModelComparison, baseline_values, compare_model
+from identification.mismatch.baseline import ModelComparison, compare_model
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.changes.repeated_contact import (
     beside,
@@ -46,6 +46,7 @@ from identification.mismatch.nominal import (
     residuals_of,
     settings_of_fit,
 )
+from identification.mismatch.prediction import given_by, left_to_parameters
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
@@ -136,7 +137,7 @@ def diagnose(
     rows = _examined(recordings, heldout, robot, settings, report)
     settings = settings_of_fit(settings, rows.fit, heldout)
     regressor = BaseRegressor(robot) if rows.fit is None else rows.fit.regressor
-    given = None if model is None else baseline_values(model, regressor)
+    given = None if model is None else given_by(model, rows.fitted, regressor, settings, split)
     report("evidence", 0.1)
 
     def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
@@ -262,7 +263,7 @@ def _with_model(
 def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit | None:
     """What in the set-up differs from the model; None where the recordings are too short to be asked."""
     try:
-        return audit(recordings, robot, model, called)
+        return audit(left_to_parameters(model, recordings, robot), robot, model, called)
     except RecordingError:
         return None
 

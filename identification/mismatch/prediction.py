@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,8 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RecordingError
+from identification.fitting.settings import Split
+from identification.mismatch.baseline import baseline_values
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import with_parameters
@@ -25,7 +28,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
-from identification.robots import RobotModel
+from identification.robots import Installation, RobotModel
 from identification.validation import RmsTable, validate_model
 
 EffectJson = Mapping[str, Any]
@@ -104,13 +107,18 @@ def without_effects(
     return replace(recording, torque=torque)
 
 
-def acting(model: Model) -> tuple[tuple[EffectJson, ...], Mapping[str, Any] | None]:
-    """What a model file predicts in every recording beside its base parameters: repeatable effects, class terms."""
+def acting(model: Model | Path) -> tuple[tuple[EffectJson, ...], Mapping[str, Any] | None]:
+    """What a model file predicts in every recording beside its base parameters: repeatable effects, class terms.
+
+    A simulator's file has neither.
+    """
+    if isinstance(model, Path):
+        return (), None
     return repeatable(model.data.get("effects", [])), model.data.get("class_terms")
 
 
 def left_to_parameters(
-    model: Model, recordings: Sequence[Recording], robot: RobotModel | None = None
+    model: Model | Path, recordings: Sequence[Recording], robot: RobotModel | None = None
 ) -> tuple[Recording, ...]:
     """Recordings as base parameters alone have to explain them: what else a model file predicts is taken off.
 
@@ -119,9 +127,14 @@ def left_to_parameters(
     robot or effects that are not complete, RecordingError where a recording cannot be used.
     """
     effects, terms = acting(model)
-    if not effects and terms is None:
+    if isinstance(model, Path) or (not effects and terms is None):
         return tuple(recordings)
-    regressor = BaseRegressor(model.load_robot() if robot is None else robot, model.options)
+    robot = model.load_robot() if robot is None else robot
+    regressor = BaseRegressor(robot, model.options)
+    if set(model.names) != set(regressor.names):
+        # Another stand shows other parameters: those of the model are of the stand that it was made on.
+        its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
+        regressor = BaseRegressor(replace(robot, gravity=its_stand), model.options)
     values = model.base_values(regressor)
     band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
     sign = -1.0 if model.turns_torque else 1.0
@@ -132,6 +145,40 @@ def left_to_parameters(
         measured = np.ptp(recording.torque, axis=0) > 0.0
         left.append(replace(recording, torque=np.where(measured, torque, recording.torque)))
     return tuple(left)
+
+
+def rows_beside(
+    model: Model | Path,
+    recordings: Sequence[Recording],
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+    split: Split | None,
+) -> FloatArray | None:
+    """(R, n) Nm, what a model file predicts beside its base parameters on the rows to fit; None: nothing.
+
+    Raises as `left_to_parameters`.
+    """
+    robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
+    if all(one is other for one, other in zip(left, recordings, strict=True)):
+        return None
+    measured, stays = (
+        np.concatenate(
+            [part.torque for item in items for part in build_evidence(item, robot, regressor, settings, split)]
+        )
+        for items in (recordings, left)
+    )
+    return np.asarray(measured - stays, dtype=np.float64)
+
+
+def given_by(
+    model: Model | Path,
+    recordings: Sequence[Recording],
+    regressor: BaseRegressor,
+    settings: DiagnosisSettings,
+    split: Split | None,
+) -> tuple[str, FloatArray, FloatArray | None]:
+    """As `baseline_values`, and (R, n) Nm that the model predicts beside these on the rows of recordings to fit."""
+    return *baseline_values(model, regressor), rows_beside(model, recordings, regressor, settings, split)
 
 
 def validate_with_effects(model: Model, recordings: Sequence[Recording]) -> RmsTable:

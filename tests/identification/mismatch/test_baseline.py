@@ -98,6 +98,37 @@ def test_a_right_model_has_no_wrong_parameter(
     assert not diagnosis.model_comparison.no_check
 
 
+def test_a_model_is_compared_with_the_effects_that_it_holds(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """The plant brakes more in one direction; the model has the true parameters and that friction."""
+
+    def hidden(_q: np.ndarray, dq: np.ndarray, _torque: np.ndarray) -> np.ndarray:
+        return on_joint(3, 0.8 * np.abs(dq[:, 2]))
+
+    recording = record(iiwa14, table3, hidden)
+    effect = {
+        "effect": "asymmetric_viscous_friction", "joint": 3, "link": None,
+        "model": {"other_joint": None, "shape": {}, "coefficients": [0.8]},
+    }  # fmt: skip
+    plain = _model_of_base(iiwa14_base, iiwa14_base.base_from_physical(table3))
+    plain = replace(plain, std=np.full(iiwa14_base.size, 1e-4))
+    without, holding = (
+        diagnose([recording], iiwa14, model=replace(plain, data={"effects": effects})) for effects in ([], [effect])
+    )
+    assert without.model_comparison is not None
+    assert holding.model_comparison is not None
+    noise = holding.baseline.noise_floor_nm
+    assert without.model_comparison.model_nm[2] > 5.0 * noise[2]
+    assert np.all(holding.model_comparison.model_nm < 1.1 * noise)
+    assert not any(item.wrong for item in holding.model_comparison.links)
+    assert not any(item.wrong for item in holding.model_comparison.parameters)
+    assert without.audit is not None
+    assert without.audit.verdict != "nothing"
+    assert holding.audit is not None
+    assert holding.audit.verdict == "nothing"
+
+
 def test_a_model_that_was_fitted_to_the_recording_is_no_news_of_it(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
