@@ -32,8 +32,9 @@ def coloured_covariance(
     its correlations between joints as none.
     """
     inverse = scipy.linalg.solve_triangular(reduced.triangular, np.eye(len(values)))
-    bread = inverse @ inverse.T
-    meat = np.zeros_like(bread)
+    # In coordinates in which the problem is a unit matrix: what a motion hardly determines is else lost in rounding,
+    # down to variances below zero.
+    middle = np.zeros_like(inverse)
     for block in blocks:
         if not block.fitted.any():
             continue
@@ -43,7 +44,7 @@ def coloured_covariance(
         for joint in range(residual.shape[1]):
             rows = block.columns[:, joint] * (block.fitted[:, joint] * block.scale[:, joint])[:, None]
             used = np.flatnonzero((rows != 0.0).any(axis=0))
-            rows = rows[:, used] * np.sqrt(joint_weights[joint])
+            rows = rows[:, used] @ inverse[used] * np.sqrt(joint_weights[joint])
             errors = residual[:, joint] * block.fitted[:, joint] * block.scale[:, joint] * np.sqrt(joint_weights[joint])
             if known is not None:
                 variance = known[:, joint] * block.scale[:, joint] ** 2 * joint_weights[joint]
@@ -51,14 +52,17 @@ def coloured_covariance(
                 if not spectral:  # the same rows, line by line over the whole stretch
                     lines = (len(rows) - 1) // 2
                     rows, errors = to_lines(rows, lines), to_lines(errors, lines)
-                variance = _variance_from_residual(errors, rows, bread[np.ix_(used, used)])
-            meat[np.ix_(used, used)] += (rows * variance[:, None]).T @ rows
-    return np.asarray(bread @ meat @ bread, dtype=np.float64)
+                variance = _variance_from_residual(errors, rows)
+            middle += (rows * variance[:, None]).T @ rows
+    return np.asarray(inverse @ middle @ inverse.T, dtype=np.float64)
 
 
-def _variance_from_residual(errors: FloatArray, rows: FloatArray, bread: FloatArray) -> FloatArray:
-    """(R,) variance per row from the smoothed power of the errors, each line less what the fit took up of it."""
-    leverage = np.einsum("ri,ij,rj->r", rows, bread, rows)
+def _variance_from_residual(errors: FloatArray, rows: FloatArray) -> FloatArray:
+    """(R,) variance per row from the smoothed power of the errors, each line less what the fit took up of it.
+
+    rows: (R, p) in coordinates in which the whole problem is a unit matrix.
+    """
+    leverage = np.einsum("ri,ri->r", rows, rows)
     freedom = to_line_power(np.sqrt(np.maximum(1.0 - leverage, 0.0))[:, None])
     power = to_line_power(errors[:, None])
     smooth, kept = smooth_over_lines(power), np.maximum(smooth_over_lines(freedom), 1.0 - _MOST_LEVERAGE)
