@@ -63,6 +63,8 @@ def watch(
     from daemon.live.subscription import LiveSubscription
     from daemon.live.watcher import Watcher
 
+    if run is not None and run.is_file():
+        run = run.parent  # a file of the run was named, such as its recording
     if run is not None and (run / "run.json").is_file():
         _show_ended(run)
         return

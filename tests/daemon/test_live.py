@@ -26,6 +26,7 @@ import pytest
 import zmq
 from rich.console import Console
 
+from daemon.api import RunOutcome
 from daemon.cli.watch import NothingToWatchError, _frames, _port_of
 from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
@@ -39,6 +40,7 @@ from daemon.run.recorder import Recorder
 from daemon.runtime_folder import runtime_folder
 from fri_client.handover.ring import HandoverRing
 from safety.limits import limits_for
+from tests.daemon import command_line
 from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job, make_request
@@ -416,6 +418,19 @@ def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
     missing = watched(private, str(tmp_path / "absent"))
     missing.communicate(timeout=WATCHDOG_S)
     assert missing.returncode == 66
+
+
+def test_the_recording_of_a_run_that_has_ended_stands_for_its_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was said not to exist."""
+    told = RunOutcome(run_id="r", outcome="completed", exit_code=0, sentences=("All done.",), out_dir=str(tmp_path))
+    write_json(tmp_path / "run.json", told)
+    (tmp_path / "recording.mcap").touch()
+    assert command_line.run("watch", tmp_path / "recording.mcap") == 0
+    captured = capsys.readouterr()
+    assert captured.out == "All done.\n"
+    assert f"{tmp_path} has ended" in captured.err
 
 
 def test_a_frame_of_another_version_is_understood() -> None:
