@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions

@@ -44,9 +44,9 @@ class Forecast:
     """probability: that a name, or that there is nothing more, stands out afterwards and is true. now: the same without
     a motion more. Where something without a name is there, no motion gives it one: that chance is left out of both.
 
-    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds, of a pair, and on the
-    diagonal of each by itself. forms: probability
-    that it is a form of the library; named, named_now: that it then has its name, with the motion and without.
+    hardest: the pair of those alive that is told apart least. gain: (H, H) λ that the motion adds; diagonal: of each by
+    itself. forms: probability that it is a form of the library; named, named_now: that it then has its name, with the
+    motion and without.
     """
 
     probability: float
@@ -94,8 +94,8 @@ def stands_out(hypotheses: Sequence[Hypothesis]) -> bool:
 
 
 def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain: FloatArray) -> FloatArray:
-    """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; in its own place, that it shows
-    as much as a name needs.
+    """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; in its own place, that it
+    shows as much as a name needs.
     """
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
@@ -106,8 +106,8 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain
         strength = gain[truth] * max(0.0, 1.0 + spread * float(node)) ** 2
         deviation = np.sqrt(np.maximum(strength, 1e-12))
         total += weight * ndtr((lead + 0.5 * strength - needed) / deviation)
-    shown = (float(values[truth, truth]) for values in (before, gain))
-    total[truth] = 1.0 if own.effect is None else _shown(*shown, own.relative_std)
+    shown, more = float(before[truth, truth]), float(gain[truth, truth])
+    total[truth] = 1.0 if own.effect is None else _shown(shown, more, own.relative_std)
     return np.minimum(total, 1.0)
 
 

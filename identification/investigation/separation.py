@@ -103,7 +103,7 @@ def _left(rest: FloatArray, own: slice, forms: Sequence[slice], size: FloatArray
 def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, truth: Hypothesis, own: slice) -> float:
     """Twice the nats by which a name leads the best free function in its place, among those that are at hand.
 
-    One that stands in the rival already may be larger or smaller with the motion in: the size that suits it best counts.
+    One that stands in the rival already may be larger or smaller with the motion in: the size that suits it counts.
     """
     found = math.inf
     if truth.place.joint is None:

@@ -116,9 +116,7 @@ def test_a_motion_that_adds_nothing_foretells_nothing() -> None:
 
 def test_the_more_a_motion_shows_the_more_surely_it_tells() -> None:
     alive = (hypothesis("torque_offset", 1, 1.0, 0.6), hypothesis("cable_spring", 1, 0.5, 0.4))
-    chances = [
-        forecast(alive, SHOWN, SHOWN + strength * (1.0 - np.eye(2))).probability for strength in (1, 9, 30, 90)
-    ]
+    chances = [forecast(alive, SHOWN, SHOWN + strength * (1.0 - np.eye(2))).probability for strength in (1, 9, 30, 90)]
     assert chances == sorted(chances)
     assert chances[-1] > 0.99
 
