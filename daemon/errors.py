@@ -63,39 +63,45 @@ class ConfigurationError(DaemonError):
 
 
 class MissingInputError(DaemonError):
-    """A file or folder that is not there."""
+    """A file or folder that is not there. Carries its path."""
 
     exit_code = 66
 
     def __init__(self, file: str, purpose: str) -> None:
+        self.file = file
+        self.purpose = purpose
         super().__init__(f"{file} does not exist; it is needed as {purpose}.")
 
 
 class BadLogError(DaemonError):
-    """A log that holds nothing usable."""
+    """A log that holds nothing usable. Carries its path."""
 
     exit_code = 65
 
     def __init__(self, file: str, reason: str) -> None:
+        self.file = file
+        self.reason = reason
         super().__init__(f"{file}: {reason}")
 
 
 class LogIOError(DaemonError):
-    """The operating system refused to read or write. Carries errno."""
+    """The operating system refused to read or write. Carries path and errno."""
 
     exit_code = 74
 
     def __init__(self, file: str, error: OSError) -> None:
+        self.file = file
         self.errno = error.errno
         super().__init__(f"{file}: {error.strerror or error}.")
 
 
 class FolderGoneError(DaemonError):
-    """The folder of a run is not there any more, and nothing has moved yet."""
+    """The folder of a run is not there any more, and nothing has moved yet. Carries its path."""
 
     exit_code = 74
 
     def __init__(self, folder: str) -> None:
+        self.folder = folder
         super().__init__(
             f"{folder} was moved or removed before the robot was listened to; nothing was moved by this run. Give the "
             "same command again."
@@ -103,11 +109,15 @@ class FolderGoneError(DaemonError):
 
 
 class LadderError(DaemonError):
-    """An amplitude was asked for before the smaller ones were completed."""
+    """An amplitude was asked for before the smaller ones were completed. Carries arm, amplitude, done and allowed."""
 
     exit_code = 1
 
     def __init__(self, arm: str, amplitude: float, done: float, allowed: float) -> None:
+        self.arm = arm
+        self.amplitude = amplitude
+        self.done = done
+        self.allowed = allowed
         so_far = f"only {done:g} was completed so far" if done else "nothing was completed yet"
         super().__init__(
             f"Amplitude {amplitude:g} has to wait: {so_far} with this trajectory in this workspace on this arm "
@@ -116,12 +126,13 @@ class LadderError(DaemonError):
 
 
 class TooFastForT1Error(DaemonError):
-    """The first motion on an arm is faster than T1 allows. Carries the speed, m/s, and the amplitude to try."""
+    """The first motion on an arm is faster than T1 allows. Carries speed and limit, m/s, and the amplitude to try."""
 
     exit_code = 1
 
     def __init__(self, amplitude: float, speed_m_s: float, limit_m_s: float) -> None:
         self.speed_m_s = speed_m_s
+        self.limit_m_s = limit_m_s
         self.allowed = math.floor(1e3 * amplitude * limit_m_s / speed_m_s) * 1e-3
         super().__init__(
             f"At amplitude {amplitude:g} the end-effector reaches {speed_m_s:.2f} m/s; the first run of a motion on an "
@@ -130,11 +141,13 @@ class TooFastForT1Error(DaemonError):
 
 
 class PortInUseError(DaemonError):
-    """Another program holds the UDP port. Carries the holder's process id, where it is one of ours."""
+    """Another program holds the UDP port. Carries host, port and, where it is one of ours, the holder's process id."""
 
     exit_code = 69
 
     def __init__(self, host: str, port: int, *, holder_pid: int | None = None) -> None:
+        self.host = host
+        self.port = port
         self.holder_pid = holder_pid
         holder = "another program" if holder_pid is None else f"another iiwa-ident (process {holder_pid})"
         super().__init__(
@@ -144,11 +157,14 @@ class PortInUseError(DaemonError):
 
 
 class RobotUnreachableError(DaemonError):
-    """No monitoring message within the time allowed."""
+    """No monitoring message within the time allowed. Carries address and seconds waited."""
 
     exit_code = 69
 
     def __init__(self, host: str, port: int, waited_s: float) -> None:
+        self.host = host
+        self.port = port
+        self.waited_s = waited_s
         super().__init__(
             f"No FRI message arrived on {host}:{port} within {waited_s:g} s: "
             "start the FRI application on the robot and check the address it sends to (`iiwa-ident doctor`)."
@@ -156,30 +172,41 @@ class RobotUnreachableError(DaemonError):
 
 
 class ProtocolMismatchError(DaemonError):
-    """Datagrams arrive that are not of the FRI version asked for."""
+    """Datagrams arrive that are not of the FRI version asked for. Carries that version."""
 
     exit_code = 76
 
+    def __init__(self, fri_version: str, reason: str) -> None:
+        self.fri_version = fri_version
+        self.reason = reason
+        super().__init__(reason)
+
 
 class ChildProcessFailedError(DaemonError):
-    """The loop or the recorder process failed before anything moved."""
+    """The loop or the recorder process failed before anything moved. Carries its role, return code and last words."""
 
     def __init__(self, role: str, return_code: int | None, last_words: str) -> None:
+        self.role = role
+        self.return_code = return_code
+        self.last_words = last_words
         tail = last_words.strip().splitlines()[-1] if last_words.strip() else "it said nothing"
         super().__init__(f"The {role} process ended before the run began (return code {return_code}): {tail}")
 
 
 class ProofProcessError(DaemonError):
-    """A process that draws or diagnoses concealed cases has ended early."""
+    """A process that draws or diagnoses concealed cases has ended early. Carries its command and return code."""
 
     def __init__(self, command: str, return_code: int) -> None:
+        self.command = command
+        self.return_code = return_code
         super().__init__(
             f"'python {command}' ended before the last case (code {return_code}); its last messages say why."
         )
 
 
 class SealBrokenError(DaemonError):
-    """A label that does not hash to what was published before the diagnosis."""
+    """A label that does not hash to what was published before the diagnosis. Carries the case's name."""
 
     def __init__(self, case: str) -> None:
+        self.case = case
         super().__init__(f"case {case}: the opened label is not the one whose hash was published; the proof is void.")

@@ -1,7 +1,7 @@
 """Every exception of the package `safety`, and nothing else. Callers: fri_client, daemon, the tests.
 
     SafetyError                    70  root: catch this to catch all of them
-    ├── LimitsError                78  a set of joint limits contradicts itself
+    ├── LimitsError                78  a set of joint limits contradicts itself (joint, value, limit)
     ├── RampError                   1  no ramp inside the limits was found (in ramps.py, beside the ramp it carries)
     ├── GeometryError               78  the robot's geometry or the workspace settings cannot be used
     └── TrajectoryShapeError       65  a table, a command or a state has the wrong shape or is not finite
@@ -25,6 +25,14 @@ class LimitsError(SafetyError):
     """A set of joint limits contradicts itself; says which joint and both numbers."""
 
     exit_code: ClassVar[int] = 78
+
+    def __init__(
+        self, message: str, *, joint: int | None = None, value: float | None = None, limit: float | None = None
+    ) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.value = value
+        self.limit = limit
 
 
 class GeometryError(SafetyError):

@@ -59,16 +59,28 @@ class JointLimits:
                 )
             for joint, value in enumerate(array.tolist(), start=1):
                 if not math.isfinite(value):
-                    raise LimitsError(f"The limit {name} of joint {joint} is {value}, which is not a finite number.")
+                    raise LimitsError(
+                        f"The limit {name} of joint {joint} is {value}, which is not a finite number.",
+                        joint=joint,
+                        value=value,
+                    )
                 if not name.startswith("position") and value <= 0.0:
-                    raise LimitsError(f"The limit {name} of joint {joint} is {value:g}, but it has to be above 0.")
+                    raise LimitsError(
+                        f"The limit {name} of joint {joint} is {value:g}, but it has to be above 0.",
+                        joint=joint,
+                        value=value,
+                        limit=0.0,
+                    )
         for joint, (lower, upper) in enumerate(
             zip(self.position_lower.tolist(), self.position_upper.tolist(), strict=True), start=1
         ):
             if lower >= upper:
                 raise LimitsError(
                     f"Joint {joint} has the lower position limit {lower:.6g} rad, which is not below its "
-                    f"upper limit {upper:.6g} rad."
+                    f"upper limit {upper:.6g} rad.",
+                    joint=joint,
+                    value=lower,
+                    limit=upper,
                 )
 
     @property

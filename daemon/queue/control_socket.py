@@ -31,11 +31,12 @@ _DOMAIN = "iiwa-ident"
 
 
 class ServiceUnreachableError(DaemonError):
-    """Nobody answers at the endpoint."""
+    """Nobody answers at the endpoint. Carries it."""
 
     exit_code = 69
 
     def __init__(self, endpoint: str, waited_s: float) -> None:
+        self.endpoint = endpoint
         what = f"answered at {endpoint} within {waited_s:g} s" if waited_s else f"listens at {endpoint}"
         super().__init__(
             f"No service {what}: start it (`iiwa-ident daemon`), name its "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 
-from daemon.api import RunRequest
+from daemon.api import AUTO_VERSION, RunRequest
 from daemon.errors import ProtocolMismatchError, RobotUnreachableError
 from daemon.run.loop_process import bind
 from daemon.stop_handle import StopHandle
@@ -53,5 +53,6 @@ def hear_version(request: RunRequest, stop: StopHandle) -> tuple[FriVersion, str
     if stop.requested:
         return FriVersion.V1_15, "A stop was asked for before the robot had told its FRI version."
     if garbage:
-        raise ProtocolMismatchError(f"{garbage} datagrams arrived, but none is an FRI monitoring message.")
+        reason = f"{garbage} datagrams arrived, but none is an FRI monitoring message."
+        raise ProtocolMismatchError(AUTO_VERSION, reason)
     raise RobotUnreachableError(request.bind_host, request.bind_port, request.start_timeout_s)
