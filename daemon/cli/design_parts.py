@@ -22,11 +22,12 @@ from daemon.motion.workspace import load_surroundings
 from identification.base_parameters import BaseRegressor
 from identification.excitation import FourierTrajectory, Trajectory, default_trajectory
 from identification.excitation.design import DesignProgress
-from identification.excitation.effect_report import NAME_STRENGTH, TOOL_STRENGTH, ShownEffect, effects_shown
+from identification.excitation.effect_report import TOOL_STRENGTH, ShownEffect, effects_shown
 from identification.excitation.limits import ExcitationLimits
 from identification.excitation.objective import achieved_figures
 from identification.excitation.payload_term import PayloadDeviations, payload_deviations
 from identification.excitation.prediction import NoiseColour, PredictedDeviations, predict_deviations
+from identification.mismatch.settings import LEAST_SHOWN
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import Installation
@@ -219,7 +220,7 @@ def show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
     seen = sum(item.strength >= TOOL_STRENGTH for item in effects)
     data(
         f"Missing physics in {periods} periods: {seen} of {len(effects)} effects of plausible size reach the λ of "
-        f"{TOOL_STRENGTH:.0f} at which a diagnosis finds them; a name needs {NAME_STRENGTH:.0f}. "
+        f"{TOOL_STRENGTH:.0f} at which a diagnosis finds them; a name needs {LEAST_SHOWN:.0f}. "
         "The twelve that show least:"
     )
     show_table(

@@ -19,13 +19,11 @@ from identification.excitation.prediction import NoiseColour
 from identification.mismatch.detectability import ORACLE_STRENGTH, candidates, confusable, planned_rows
 from identification.mismatch.effects import effect_named
 from identification.mismatch.motion import Motion
-from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DiagnosisSettings
+from identification.mismatch.settings import DiagnosisSettings
 from identification.physical_parameters import PhysicalParameters
 
 TOOL_STRENGTH = 2.0 * DiagnosisSettings().complete_score
 """λ from which the diagnosis finds that something is missing: its score counts half a χ²."""
-NAME_STRENGTH = 2.0 * ALTERNATIVE / CAPTURE
-"""λ from which it may give a name: what shares all of an effect but `CAPTURE` then costs enough to be told from it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,7 @@ from scipy.special import ndtr
 
 from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
-from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
-from identification.mismatch.unknown.named import LEAST_SHOWN
+from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, DiagnosisSettings
 
 STANDS_OUT = ALTERNATIVE
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""

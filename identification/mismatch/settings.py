@@ -35,6 +35,8 @@ RIVAL = 0.5
 rival."""
 CAPTURE = 0.1
 """Share of what is named that may be something else, of what two recordings differ by and of a name's energy."""
+LEAST_SHOWN = 2.0 * ALTERNATIVE / CAPTURE
+"""λ that a name needs: one that shows less may as well be another torque which shares all of λ but `CAPTURE`."""
 DIFFERENT = 1e-3
 """Chance below which figures of two recordings, or of fitted and held-out rows, differ."""
 UNLIKELY = 1e-4

@@ -17,14 +17,12 @@ from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DIFFERENT, PRIOR_COST, RIVAL, SPEAK
+from identification.mismatch.settings import ALTERNATIVE, DIFFERENT, LEAST_SHOWN, PRIOR_COST, RIVAL, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
-LEAST_SHOWN = 2.0 * ALTERNATIVE / CAPTURE
-"""λ that a name needs: one that shows less may as well be another torque which shares all of λ but `CAPTURE`."""
 ABSENT = 1e12
 """Precision beforehand of a name that is left out."""
 

@@ -20,8 +20,7 @@ from identification.investigation.forecast import APART, forecast, stands_out
 from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, agreement, separations
 from identification.mismatch.effects.base import Place
-from identification.mismatch.settings import DiagnosisSettings
-from identification.mismatch.unknown.named import LEAST_SHOWN
+from identification.mismatch.settings import LEAST_SHOWN, DiagnosisSettings
 
 ROOM = Room(iiwa_limits("iiwa14"), np.zeros(7))
 
