@@ -272,6 +272,8 @@ def _read(sources: Sequence[Source], robot: str | Path | None, of_model: RobotMo
     """The recordings and their robot: the one given, else the model's, else the one that all recordings name."""
     if not sources:
         raise RecordingError("No recording was given")
+    if not all(isinstance(item, (Recording, str, Path)) for item in sources):
+        raise RecordingError("Recordings are given one after the other, not in a list: fit(first, second)")
     read = [
         item if isinstance(item, Recording) else read_recording(item, robot=robot, model_robot=of_model)
         for item in sources

@@ -16,7 +16,7 @@ from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOptio
 from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.protection import folder_to_write
-from daemon.cli.run import RobotHostOption, address_of, confirm_motion
+from daemon.cli.run import RobotHostOption, address_of, confirm_motion, version_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,6 +83,7 @@ def investigate(
     from identification.investigation.equivalences import unasked
 
     host, port = parse_bind(bind)
+    version = version_of(fri_version)
     simulation = ipaddress.ip_address(host).is_loopback
     if yes and not simulation:
         raise typer.BadParameter("--yes is for a fake robot on a loopback address: a real arm asks before each motion.")
@@ -99,7 +100,7 @@ def investigate(
         acted = Action.ADD_MASS
         account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
     driver = _driver(account, host, port, simulation, robot_host=address_of(robot_host),
-                     fri_version=fri_version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
+                     fri_version=version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
     def ask(motion: Motion) -> bool | None:
         del motion  # the loop has told of it

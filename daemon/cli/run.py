@@ -55,7 +55,8 @@ def address_of(host: str | None) -> str | None:
     return host
 
 
-def _version(text: str | None) -> str | None:
+def version_of(text: str | None) -> str | None:
+    """The FRI version of an option, or "auto". Raises a usage error for one that there is not."""
     from daemon.config import parse_version
 
     with as_usage(ValueError):
@@ -186,7 +187,7 @@ def run(
         bind_host=host,
         bind_port=port,
         robot_host=address_of(robot_host),
-        fri_version=_version(fri_version),
+        fri_version=version_of(fri_version),
         start_timeout_s=start_timeout,
         serial=serial,
         amplitude=amplitude,

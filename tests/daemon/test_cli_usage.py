@@ -42,6 +42,7 @@ RECORDING = str(Path(__file__).parents[2] / "fixtures/recordings/ur10.npz")
         ["simulate", "nowhere.json", "--controller", "impedance", "--stiffness", "0"],
         ["run", "--no-confirm", "--start-timeout", "inf"],
         ["run", "--no-confirm", "--heldout", "nowhere.mcap"],
+        ["investigate", "--budget", "4", "--fri-version", "9", "--out", "question"],
     ],
     ids=" ".join,
 )

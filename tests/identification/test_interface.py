@@ -154,6 +154,8 @@ def test_bad_input_is_the_same_sentence_as_at_the_command_line(ran: dict[str, An
         ident.fit(tmp_path / "none.npz")
     with pytest.raises(RecordingNotFoundError, match=r"none\.npz"):
         ident.diagnose(REPOSITORY / "fixtures" / "recordings" / "ur10.npz", heldout=str(tmp_path / "none.npz"))
+    with pytest.raises(RecordingError, match="one after the other"):
+        ident.fit([tmp_path / "none.npz"])  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match="No recording was given"):
         ident.validate(ran["model"])
     with pytest.raises(AttributeError, match="no attribute 'fits'"):
