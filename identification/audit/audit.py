@@ -14,14 +14,15 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
-from identification.audit.comparison import REPORT
+from identification.audit.comparison import LEAST_GAIN, REPORT
 from identification.audit.difference import Audit, Difference
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.misread import by_its_velocity, in_degrees, misread, misread_order
 from identification.audit.numbers import found_numbers
-from identification.audit.rows import COULOMB_VELOCITY, rows_of
+from identification.audit.rows import COULOMB_VELOCITY, REPEATED, rows_of
 from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
+from identification.audit.turned import turned_against
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError
 from identification.model_file import Model
@@ -83,7 +84,25 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
-    return _said(found, given, read_otherwise)
+    said = _said(found, given, read_otherwise)
+    if said.holds and not said.differences:
+        return said
+    turned = turned_against(given.geometry, given.set_up, given.model)
+    if turned is None:
+        return said
+    rows, joint = turned
+    given = replace(given, geometry=Geometry(robot, rows))
+    again = search(given.geometry, given.set_up, given.model, given.sizes)
+    if len(again.steps) > len(found.steps) or _nats(again, found) < LEAST_GAIN:
+        return said
+    what = misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against)
+    return _said(again, given, [*read_otherwise, what])
+
+
+def _nats(one: Audited, other: Audited) -> float:
+    """By which what one search leaves is likelier than what another one does, by the noise of the first."""
+    left, instead = (found.now.holding(found.now.steps).reported(alone=True) for found in (one, other))
+    return 0.5 / REPEATED * float(((instead - left) / one.now.noise.std**2).sum())
 
 
 def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Explanation:

@@ -103,6 +103,16 @@ class Rows:
             smooth=tuple(replace(item, torque=item.torque[:, order], rate=item.rate[:, order]) for item in self.smooth),
         )  # fmt: skip
 
+    def turned(self, joint: int, *, with_torque: bool) -> Rows:
+        """With the motion of one joint (from 0) turned round, or its motion and its torque."""
+        sign = np.where(np.arange(self.torque.shape[1]) == joint, -1.0, 1.0)
+        changed: dict[str, Any] = {name: sign * getattr(self, name) for name in MOTION}
+        if with_torque:
+            changed.update(torque=sign * self.torque, torque_rate=sign * self.torque_rate, smooth=tuple(
+                replace(item, torque=sign * item.torque, rate=sign * item.rate) for item in self.smooth
+            ))  # fmt: skip
+        return replace(self, **changed)
+
 
 def band_of(recordings: Sequence[Recording]) -> float:
     """Hz, the cutoff that all of some recordings are compared up to."""

@@ -1,4 +1,5 @@
-"""Does a joint count the other way than its model? Asked of a recording alone, as the places of positions (`exchange`).
+"""Does a joint count the other way than its model? Asked of a recording alone, as the places of positions are
+(`exchange`), and of a recording beside a model.
 
 Makers and URDF files differ in the direction in which a joint counts. Its position and its torque then have the other
 sign together, which no sign of a torque alone shows: inertia and friction of the joint stay positive. Pure.
@@ -7,17 +8,17 @@ sign together, which no sign of a torque alone shows: inertia and friction of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.audit.columns import Geometry
+from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
 from identification.audit.exchange import likelier, noise_left
-from identification.audit.given import sizes_of, wide_open
-from identification.audit.rows import Rows, rows_of
+from identification.audit.given import GivenModel, sizes_of, wide_open
+from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -43,6 +44,16 @@ class TurnedJoint:
             "rigid body. Turn its column, not its torque's."
         )
 
+    @property
+    def against(self) -> str:
+        """The same against a model, as the beginning of a sentence."""
+        if self.with_torque:
+            return (
+                f"Joint {self.joint} counts the other way than the model: its position and its torque are turned. Turn "
+                "both, or the joint's axis in the model"
+            )
+        return f"The position of joint {self.joint} has the wrong sign. Turn its column, not its torque's"
+
 
 def turned_joint(
     recordings: Sequence[Recording], robot: RobotModel, least_gain: float = LEAST_GAIN
@@ -63,7 +74,7 @@ def turned_joint(
     rivals = [stated, *(Directions.of(Geometry(robot, rows), torque) for torque in torques)]
     best: TurnedJoint | None = None
     for joint in range(robot.n):
-        geometry = Geometry(robot, _mirrored(rows, joint))
+        geometry = Geometry(robot, rows.turned(joint, with_torque=False))
         for with_torque in (False, True):
             other = Directions.of(geometry, torques[joint] if with_torque else rows.torque)
             std = noise_left(other, gravity, factor, sizes)
@@ -74,17 +85,28 @@ def turned_joint(
     return best
 
 
+def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[Rows, TurnedJoint] | None:
+    """The rows with that joint turned which comes nearest to a model, if that makes the recording clearly likelier."""
+    rows, n = geometry.rows, geometry.robot.n
+    used = rows.used.all(axis=1)
+    expected = (geometry.columns(set_up.gravity) @ model.values)[used]
+    floor = np.where(np.isfinite(model.left), np.nan_to_num(model.left) ** 2, 0.01 * expected.var(axis=0)) + 1e-12
+
+    def nats(own: Geometry) -> float:
+        left = own.rows.torque - own.columns(set_up.gravity) @ model.values
+        return -0.5 / REPEATED * float((left[used] ** 2 / floor).sum())
+
+    stated = nats(geometry)
+    readings = [(joint, with_torque) for joint in range(n if n > 1 else 0) for with_torque in (True, False)]
+    gain, best = LEAST_GAIN, None
+    for joint, with_torque in readings:
+        other = rows.turned(joint, with_torque=with_torque)
+        found = nats(Geometry(geometry.robot, other)) - stated
+        if found > gain:
+            gain, best = found, (other, TurnedJoint(joint + 1, with_torque, found))
+    return best
+
+
 def _turned(values: FloatArray, joint: int) -> FloatArray:
     """The columns with the other sign for one joint, counted from 0."""
     return values * np.where(np.arange(values.shape[1]) == joint, -1.0, 1.0)
-
-
-def _mirrored(rows: Rows, joint: int) -> Rows:
-    """The rows with the motion of one joint turned round; torques stay."""
-    return replace(
-        rows,
-        position=_turned(rows.position, joint),
-        velocity=_turned(rows.velocity, joint),
-        acceleration=_turned(rows.acceleration, joint),
-        direction=_turned(rows.direction, joint),
-    )
