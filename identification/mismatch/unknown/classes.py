@@ -165,15 +165,13 @@ def _state(inputs: Inputs, joint: int) -> Part:
     single = [np.ascontiguousarray(tabulated(table, place).T) for table, place in zip(tables, places, strict=True)]
     # Products that begin alike share their beginning.
     known: dict[tuple[int, ...], FloatArray] = {(): np.ones(inputs.motion.samples)}
-
-    def product(order: tuple[int, ...]) -> FloatArray:
-        if order not in known:
-            known[order] = product(order[:-1]) * single[len(order) - 1][order[-1]]
-        return known[order]
-
     orders = _leading(tuple(tuple(np.linalg.norm(table, axis=0).tolist()) for table in tables))
+    for order in orders:
+        for length, number in enumerate(order, start=1):
+            if order[:length] not in known:
+                known[order[:length]] = known[order[: length - 1]] * single[length - 1][number]
     inside = inputs.all_inside * inputs.inside("velocity")[:, joint]
-    return np.stack([product(order) for order in orders], axis=1), inside
+    return np.stack([known[order] for order in orders], axis=1), inside
 
 
 @lru_cache(maxsize=16)

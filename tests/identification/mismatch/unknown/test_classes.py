@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -146,3 +147,16 @@ def test_linear_dynamics_vanish_at_rest_and_are_one_column_of_a_wave() -> None:
     found = responses(np.cos(omega * time), 1e-3, periodic=True, **arguments)
     transfer = (1j * omega) ** 2 / ((1j * omega) ** 2 + 0.2 * natural * 1j * omega + natural**2)
     assert found[:, 2] == pytest.approx(np.real(transfer * np.exp(1j * omega * time)), abs=1e-9)
+
+
+def test_functions_of_the_state_are_freed_as_soon_as_nobody_needs_them(motion: Motion) -> None:
+    """A function that called itself kept all products of a recording until the next collection, gigabytes later."""
+    seen = inputs_of(motion)
+    gc.collect()
+    gc.disable()
+    try:
+        for functions in CLASSES[NUMBER["state"]].groups:
+            functions(seen, 0)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
