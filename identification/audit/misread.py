@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.arrays import BoolArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.difference import Difference, Number, with_interval
@@ -67,6 +67,12 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], D
     return corrected, misread("wrong_time_base", (), float("nan"), text, (number,))
 
 
+def least_square(model: GivenModel, expected: FloatArray) -> FloatArray:
+    """(n,) Nm², what a model leaves of its own recordings; where it does not say, 1 % of the torque it expects."""
+    stated = np.nan_to_num(model.left) ** 2
+    return np.asarray(np.where(np.isfinite(model.left), stated, 0.01 * expected.var(axis=0)) + 1e-12)
+
+
 def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[IntArray, Difference] | None:
     """Which recorded torque belongs to each joint, where it is not its own; None where the order holds.
 
@@ -79,7 +85,7 @@ def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple
     used = rows.used.all(axis=1)
     expected = (geometry.columns(set_up.gravity) @ model.values)[used]
     expected, measured = expected - expected.mean(axis=0), (rows.torque[used] - rows.torque[used].mean(axis=0))
-    floor = np.where(np.isfinite(model.left), np.nan_to_num(model.left) ** 2, 0.01 * expected.var(axis=0)) + 1e-12
+    floor = least_square(model, expected)
     square = ((measured[:, None, :] - expected[:, :, None]) ** 2).mean(axis=0)
     turned = ((measured + expected) ** 2).mean(axis=0)
     cost = square / floor[:, None]

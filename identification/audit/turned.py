@@ -18,6 +18,7 @@ from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
 from identification.audit.exchange import likelier, noise_left
 from identification.audit.given import GivenModel, sizes_of, wide_open
+from identification.audit.misread import least_square
 from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
@@ -89,21 +90,21 @@ def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tupl
     """The rows with that joint turned which comes nearest to a model, if that makes the recording clearly likelier."""
     rows, n = geometry.rows, geometry.robot.n
     used = rows.used.all(axis=1)
-    expected = (geometry.columns(set_up.gravity) @ model.values)[used]
-    floor = np.where(np.isfinite(model.left), np.nan_to_num(model.left) ** 2, 0.01 * expected.var(axis=0)) + 1e-12
+    expected = geometry.columns(set_up.gravity) @ model.values
+    floor = least_square(model, expected[used])
 
-    def nats(own: Geometry) -> float:
-        left = own.rows.torque - own.columns(set_up.gravity) @ model.values
-        return -0.5 / REPEATED * float((left[used] ** 2 / floor).sum())
+    def nats(torque: FloatArray, expected: FloatArray) -> float:
+        return -0.5 / REPEATED * float(((torque - expected)[used] ** 2 / floor).sum())
 
-    stated = nats(geometry)
-    readings = [(joint, with_torque) for joint in range(n if n > 1 else 0) for with_torque in (True, False)]
+    stated = nats(rows.torque, expected)
     gain, best = LEAST_GAIN, None
-    for joint, with_torque in readings:
-        other = rows.turned(joint, with_torque=with_torque)
-        found = nats(Geometry(geometry.robot, other)) - stated
-        if found > gain:
-            gain, best = found, (other, TurnedJoint(joint + 1, with_torque, found))
+    for joint in range(n if n > 1 else 0):
+        both, alone = (rows.turned(joint, with_torque=with_torque) for with_torque in (True, False))
+        expected = Geometry(geometry.robot, alone).columns(set_up.gravity) @ model.values
+        for other in (both, alone):
+            found = nats(other.torque, expected) - stated
+            if found > gain:
+                gain, best = found, (other, TurnedJoint(joint + 1, other is both, found))
     return best
 
 

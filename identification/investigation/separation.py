@@ -118,7 +118,7 @@ def _free_functions(sums: Sums, beside: Discrepancies, variances: Variances, tru
     size = truth.coefficients
     for places in ([place for place in rivals if place not in standing], *([place] for place in standing)):
         kept = np.flatnonzero(np.isin(group, places))
-        others = [own * 1.0 for own in variances]
+        others = [each.copy() for each in variances]
         others[joint][places] = 0.0
         rest = sums.projected(beside.deviations(tuple(others)), (joint, kept))
         first = len(rest) - kept.size

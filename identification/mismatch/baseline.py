@@ -7,7 +7,7 @@ remains after they are fitted (missing physics, which the search then names). No
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.json_values import json_list, number, plain
-from identification.mismatch.evidence import Evidence
+from identification.mismatch.evidence import Evidence, fit_parameters
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import Extension
@@ -179,7 +179,9 @@ def compare_model(
 
     if beside is not None:
         torque = np.where(used, torque - beside, 0.0)
-        fitted = _fitted(columns, torque, problem.weight)
+        ends = np.cumsum([len(item.torque) for item in evidences])[:-1]
+        pairs = zip(evidences, np.split(beside, ends), strict=True)
+        fitted = fit_parameters([replace(item, torque=item.torque - own) for item, own in pairs])
         missing_nm = rms(torque - columns @ fitted)
     difference = values - fitted
     left = (after.rows * problem.weight).ravel()
@@ -211,11 +213,3 @@ def compare_model(
         parameters=parameters,
         links=tuple(links),
     )
-
-
-def _fitted(columns: FloatArray, torque: FloatArray, weight: FloatArray) -> FloatArray:
-    """(p,) least squares of (R, n) Nm on columns (R, n, p), rows times their weight (n, R) 1/Nm."""
-    weighted = (columns * weight.T[..., None]).reshape(-1, columns.shape[2])
-    scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
-    values = np.linalg.lstsq(weighted / scale, (torque * weight.T).ravel(), rcond=None)[0]
-    return np.asarray(values / scale, dtype=np.float64)
