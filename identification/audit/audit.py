@@ -84,19 +84,30 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
-    said = _said(found, given, read_otherwise)
-    if said.holds and not said.differences:
-        return said
-    turned = turned_against(given.geometry, given.set_up, given.model)
-    if turned is None:
-        return said
-    rows, joint = turned
-    given = replace(given, geometry=Geometry(robot, rows))
-    again = search(given.geometry, given.set_up, given.model, given.sizes)
-    if len(again.steps) > len(found.steps) or _nats(again, found) < LEAST_GAIN:
-        return said
-    what = misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against)
-    return _said(again, given, [*read_otherwise, what])
+    # Asked before a load that no arm carries is refused: a turned joint can look like one.
+    turned = turned_against(given.geometry, given.set_up, given.model) if _differs(found, given) else None
+    if turned is not None:
+        rows, joint = turned
+        instead = replace(given, geometry=Geometry(robot, rows))
+        again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
+        if len(again.steps) <= len(found.steps) and _nats(again, found) >= LEAST_GAIN:
+            read_otherwise.append(misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against))
+            found, given = again, instead
+    return _said(found, given, read_otherwise)
+
+
+def _differs(found: Audited, given: _Given) -> bool:
+    """Whether anything was found, or more is left than a model that holds leaves."""
+    if found.steps or (found.signs < 0.0).any():
+        return True
+    own = np.where(np.isfinite(given.model.left), given.model.left, found.first.noise.std)
+    return bool(np.any(_rms(found.first) >= STILL_ITS_OWN * own))
+
+
+def _rms(explanation: Explanation) -> FloatArray:
+    """(n,) Nm that the differences alone leave on the rows that report."""
+    counts = np.maximum(explanation.comparison.products.counts(REPORT), 1.0)
+    return np.asarray(np.sqrt(explanation.reported(alone=True) / counts))
 
 
 def _nats(one: Audited, other: Audited) -> float:
@@ -147,10 +158,7 @@ def _too_wide(given: _Given) -> bool:
 def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -> Audit:
     model, first, now = given.model, found.first, found.now
     noise = now.noise
-    before, after, least = (
-        np.sqrt(each.reported(alone=True) / np.maximum(each.comparison.products.counts(REPORT), 1.0))
-        for each in (explanation.holding(now.steps) for explanation in (first, now, found.whole))
-    )
+    before, after, least = (_rms(explanation.holding(now.steps)) for explanation in (first, now, found.whole))
     numbers = found_numbers(now)
     if float(np.sum((after / noise.std) ** 2)) > MUCH_MORE * float(np.sum((least / noise.std) ** 2)):
         # Far from the link's origin a load's inertia is most of what it does: without it, mass and centre bend to it.
