@@ -15,7 +15,7 @@ from identification.base_parameters import direction_of
 from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
 from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
-from identification.mismatch.effects.time_domain import ComplexArray, filtered, time_derivative
+from identification.mismatch.effects.time_domain import filtered, frequencies_of, time_derivative
 from identification.mismatch.motion import Motion
 
 _BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
@@ -108,15 +108,15 @@ def _wound_up(
     inertia = torque_derivatives(motion, joint).acceleration[:, joint]
     slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
 
-    def share(s: ComplexArray) -> ComplexArray:
-        nearness = np.clip((slowest * np.abs(s) - _BELOW_RESONANCE) / (_TOO_NEAR - _BELOW_RESONANCE), 0.0, 1.0)
-        return np.asarray(np.cos(0.5 * np.pi * nearness) ** 2 + 0.0j)
-
-    fast = filtered(motion, motion.position[:, joint], lambda s: share(s) - 1.0)
+    frequency = np.abs(frequencies_of(motion))
+    nearness = np.clip((slowest * frequency - _BELOW_RESONANCE) / (_TOO_NEAR - _BELOW_RESONANCE), 0.0, 1.0)
+    share = np.cos(0.5 * np.pi * nearness) ** 2 + 0.0j
+    magnified = 1.0 / (1.0 - share * (typical * frequency) ** 2)
+    fast = filtered(motion, motion.position[:, joint], share - 1.0)
     displacement = np.zeros_like(load)
     for _ in range(_SPRING_TURNS):
         short = filtered(motion, -compliance * wind_up(load), share) + fast - displacement
-        displacement += filtered(motion, short, lambda s: 1.0 / (1.0 - share(s) * (typical * np.abs(s)) ** 2))
+        displacement += filtered(motion, short, magnified)
         rate = time_derivative(motion, displacement)
         moved = displacement, rate, time_derivative(motion, rate)
         turning = friction(motion.velocity[:, joint] + rate)

@@ -11,7 +11,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import harmonic, joint_name, shaped, size_of
 from identification.mismatch.effects.own_joint import OwnJointEffect
-from identification.mismatch.effects.time_domain import filtered
+from identification.mismatch.effects.time_domain import filtered_lines, frequencies_of, torque_lines
 from identification.mismatch.motion import Motion
 
 
@@ -44,10 +44,9 @@ class StructuralResonance(OwnJointEffect):
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:
         """The mode's answer to the nominal torque, and the same turned by 90°."""
         omega, damping = 2.0 * np.pi * shape["frequency"], shape["damping"]
-        torque = motion.torque[:, joint]
-        first = filtered(motion, torque, lambda s: s**2 / (s**2 + 2.0 * damping * omega * s + omega**2))
-        second = filtered(motion, torque, lambda s: omega * s / (s**2 + 2.0 * damping * omega * s + omega**2))
-        return np.column_stack([first, second])
+        s, torque = frequencies_of(motion), torque_lines(motion)[:, joint]
+        mode = s**2 + 2.0 * damping * omega * s + omega**2
+        return np.column_stack([filtered_lines(motion, torque, part / mode) for part in (s**2, omega * s)])
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Frequency, damping, and the share of the torque that passes the mode, at resonance."""

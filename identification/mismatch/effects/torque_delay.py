@@ -9,7 +9,7 @@ import numpy as np
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import deviation, joint_name, size_of
-from identification.mismatch.effects.time_domain import filtered
+from identification.mismatch.effects.time_domain import filtered_lines, frequencies_of, torque_lines
 from identification.mismatch.motion import Motion
 
 
@@ -46,11 +46,9 @@ class TorqueDelay(Effect):
         """Late torque minus torque."""
         joints = tuple(range(motion.n)) if place.joint is None else (place.joint - 1,)
         delay, order = shape["delay"], round(shape["lag"])
-        nominal = motion.torque[:, list(joints)]
-        if order > 0:
-            change = filtered(motion, nominal, lambda s: np.asarray((1.0 + delay / order * s) ** -order - 1.0))
-        else:
-            change = filtered(motion, nominal, lambda s: np.asarray(np.exp(-delay * s) - 1.0))
+        s = frequencies_of(motion)
+        late = (1.0 + delay / order * s) ** -order if order > 0 else np.exp(-delay * s)
+        change = filtered_lines(motion, torque_lines(motion)[:, list(joints)], late - 1.0)
         return Columns(joints, change[..., None]) if change.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
