@@ -38,8 +38,7 @@ class LiveBroadcast:
         self._rows = _rows_of(request.table_file)
         self._event = ""
         self._key: tuple[int, int, int] | None = None
-        self._sums: dict[str, list[float]] = {}
-        self._counts: dict[str, int] = {}
+        self._gathered: dict[str, list[Seven]] = {name: [] for name in _NAMES}
         self._time_sum_s, self._samples, self._newest_ns = 0.0, 0, 0
         self._next_quiet = time.monotonic() + QUIET_S
         self._socket: zmq.Socket[Any] | None = None
@@ -107,11 +106,8 @@ class LiveBroadcast:
         self.end()
 
     def _add(self, name: str, values: tuple[float, ...] | None) -> None:
-        if values is None or len(values) != 7:
-            return
-        sums = self._sums.get(name)
-        self._sums[name] = list(values) if sums is None else [a + b for a, b in zip(sums, values, strict=True)]
-        self._counts[name] = self._counts.get(name, 0) + 1
+        if values is not None and len(values) == 7:
+            self._gathered[name].append(values)
 
     def _send_frame(self) -> None:
         if self._key is None or not self._samples:
@@ -125,16 +121,16 @@ class LiveBroadcast:
             "robot_time_s": self._time_sum_s / self._samples,
         }
         means: dict[str, Any] = {name: self._mean(name) for name in _NAMES}
-        self._sums.clear()
-        self._counts.clear()
+        for rows in self._gathered.values():
+            rows.clear()
         self._time_sum_s, self._samples, self._key = 0.0, 0, None
         self._send(LiveFrame(timestamp=self._newest_ns * 1e-9, **means, **state))
 
     def _mean(self, name: str) -> Seven | None:
-        sums = self._sums.get(name)
-        if sums is None:
+        rows = self._gathered[name]
+        if not rows:
             return None
-        a, b, c, d, e, f, g = (value / self._counts[name] for value in sums)
+        a, b, c, d, e, f, g = (sum(column) / len(rows) for column in zip(*rows, strict=True))
         return a, b, c, d, e, f, g
 
     def _phase_name(self, phase: int) -> str:
