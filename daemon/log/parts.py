@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.errors import LogIOError, MissingInputError
-from daemon.log.recover import RecoverReport, is_whole, merge_logs, recover_log
+from daemon.log.recover import RecoverReport, is_finished, merge_logs, recover_log
 from daemon.log.stream import is_being_written
 
 RECORDING_NAME = "recording.mcap"
@@ -75,10 +75,13 @@ def recover(path: Path) -> RecoverReport:
 
 
 def state_of_recording(folder: Path) -> str:
-    """What a folder holds: "none", "recording" (being written), "broken" (its recorder was killed) or "whole"."""
+    """What a folder holds: "none", "recording" (being written), "broken" (its recorder was killed) or "whole".
+
+    A finished recording is whole whatever was damaged in it since: `recover` looks at what it holds.
+    """
     parts = parts_of(folder)
     if not parts:
         return "none"
     if any(is_being_written(part) for part in parts):
         return "recording"
-    return "whole" if len(parts) == 1 and is_whole(parts[0]) else "broken"
+    return "whole" if len(parts) == 1 and is_finished(parts[0]) else "broken"

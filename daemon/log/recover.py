@@ -72,7 +72,7 @@ def recover_log(path: str | Path) -> RecoverReport:
     if is_being_written(source):
         raise LogIOError(str(source), OSError(errno.EBUSY, "is being recorded right now; wait until the run has ended"))
     total = source.stat().st_size
-    if is_whole(source):
+    if _is_whole(source):
         counts = _Counts()
         with source.open("rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
@@ -84,17 +84,21 @@ def recover_log(path: str | Path) -> RecoverReport:
     return counts.report(source, target, found, total, _sentences(source, target, counts, found, total))
 
 
-def is_whole(source: Path) -> bool:
-    """True when the library reads every message, the closing magic stands where it should and no attachment is
-    damaged.
-    """
+def is_finished(source: Path) -> bool:
+    """Whether the closing magic stands at its end, which a killed recorder never wrote; parts may be damaged since."""
     try:
         with source.open("rb") as stream:
             stream.seek(-len(MAGIC), os.SEEK_END)
-            if stream.read() != MAGIC:
-                return False
+            return stream.read() == MAGIC
+    except OSError:
+        return False
+
+
+def _is_whole(source: Path) -> bool:
+    """True when it is finished, the library reads every message and no attachment is damaged."""
+    try:
         count_messages(source)
-        return not damaged_attachments(source)
+        return is_finished(source) and not damaged_attachments(source)
     except (OSError, BadLogError):
         return False
 

@@ -19,8 +19,10 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from daemon.errors import BadLogError, LogIOError, MissingInputError
+from daemon.errors import BadLogError, ConfigurationError, LogIOError, MissingInputError
+from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.log.recover import merge_logs, recover_log
+from daemon.run.folder import make_room
 from daemon.run.recorder import Recorder
 from fri_client.handover.ring import EventCode, HandoverRing
 
@@ -213,6 +215,24 @@ def test_a_damaged_attachment_is_named_and_costs_nothing_else(log: bytes, tmp_pa
             kept = {each.name: each.data for each in make_reader(stream).iter_attachments()}
         assert set(kept) == set(names) - {index.name}
         assert recover_log(report.recovered).whole
+
+
+@pytest.mark.parametrize("place", [-5, 20])
+def test_a_finished_run_with_a_damaged_attachment_was_not_broken_off(log: bytes, tmp_path: Path, place: int) -> None:
+    """place: of the flipped byte in the attachment: the last of its data, or the first of its name's length."""
+    with io.BytesIO(log) as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    index = summary.attachment_indexes[0]
+    broken = bytearray(log)
+    broken[index.offset + (place if place > 0 else index.length + place)] ^= 0x20
+    file = tmp_path / RECORDING_NAME
+    file.write_bytes(broken)
+    assert state_of_recording(tmp_path) == "whole"
+    with pytest.raises(ConfigurationError, match="holds a run already"):
+        make_room(tmp_path)
+    file.write_bytes(log[:-1])
+    assert state_of_recording(tmp_path) == "broken"
 
 
 @settings(max_examples=40, print_blob=False, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
