@@ -269,6 +269,11 @@ def _check(config: DaemonConfig, file: str) -> None:
     def refuse(field: str, reason: str) -> ConfigurationError:
         return ConfigurationError(reason, file=file, field=field)
 
+    sections = {f"{name}.": msgspec.structs.asdict(getattr(config, name)) for name in ("fri", "run", "control")}
+    for section, values in {"": {"output": config.output}, **sections}.items():
+        for name, value in values.items():
+            if value == "":
+                raise refuse(f"{section}{name}", "is empty; leave the key out where there is none.")
     try:
         parse_version(fri.version)
     except UnknownFriVersion as error:

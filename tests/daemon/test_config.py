@@ -144,6 +144,19 @@ def test_external_torque_is_watched_unless_it_is_switched_off(tmp_path: Path) ->
         assert load_config(file).request_fields()["external_torque_limit"] == expected
 
 
+@pytest.mark.parametrize(
+    "place", ["run.workspace_file", "run.urdf_file", "run.tool", "fri.robot_host", "control.server_key", "output"]
+)
+def test_a_setting_that_is_empty_is_named(tmp_path: Path, place: str) -> None:
+    """An empty path is the working folder: ".: cannot be read" was said of it."""
+    section, _, name = place.rpartition(".")
+    file = tmp_path / "config.yaml"
+    file.write_text(f'{section}: {{{name}: ""}}\n' if section else f'{name}: ""\n')
+    with pytest.raises(ConfigurationError, match="is empty") as caught:
+        load_config(file)
+    assert caught.value.field == place
+
+
 TWO_ARMS = """
 fri: {version: auto, bind_host: 192.170.10.1}
 run: {periods: 4, tool: "2.5@0,0,0.06"}
