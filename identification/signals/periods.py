@@ -259,16 +259,21 @@ def _not_simultaneous(recording: Recording, position: FloatArray, numbers: IntAr
     assert recording.period_s is not None
     middle = median_over_periods(position)
     speed = np.nan_to_num(np.roll(middle, -3, axis=0) - np.roll(middle, 3, axis=0)) / 6.0  # rad per sample
-    difference = np.nan_to_num(position - middle)
+    difference = position - middle
+    # Of one joint alone all that differs slowly is its motion at another time; that it stands elsewhere is not.
+    moved = np.nan_to_num(difference - np.nanmean(difference, axis=1, keepdims=True))
     parts = np.arange(0, middle.shape[0], -(-middle.shape[0] // _PARTS))
-    across, along = (
-        np.add.reduceat(each, parts, axis=-1)
-        for each in (np.einsum("kmn,mn->km", difference, speed), (speed**2).sum(axis=1))
-    )
+    along = np.add.reduceat((speed**2).sum(axis=1), parts)
     moving = along > _LEAST_MOTION * along.mean()
-    shift = across[:, moving] / along[moving]
-    if not (shift**2 * along[moving]).sum() > _EXPLAINED * float((difference**2).sum()):
+
+    def shift_of(values: FloatArray) -> FloatArray:
+        return np.asarray(
+            np.add.reduceat(np.einsum("kmn,mn->km", values, speed), parts, axis=1)[:, moving] / along[moving]
+        )
+
+    if not (shift_of(moved) ** 2 * along[moving]).sum() > _EXPLAINED * float((moved**2).sum()):
         return ""
+    shift = shift_of(np.nan_to_num(difference))
     period, part = np.unravel_index(int(np.argmax(np.abs(shift))), shift.shape)
     step = recording.period_s / middle.shape[0]
     largest_s = step * float(np.abs(shift[period, part]))
