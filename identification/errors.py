@@ -151,10 +151,12 @@ class UndeterminedParametersError(EstimationError):
     """
 
     def __init__(self, parameters: tuple[str, ...], rank: int, size: int) -> None:
+        ways = (("OFF_", "--offset no"), ("IA_", "--rotor-inertia no"))
+        out = " and ".join(way for symbol, way in ways if any(name.startswith(symbol) for name in parameters))
         shown = ", ".join(parameters[:12]) + (f" and {len(parameters) - 12} more" if len(parameters) > 12 else "")
         super().__init__(
             f"The recorded motion determines only {rank} of {size} parameters; it leaves undetermined: {shown}. "
-            "Record a richer excitation or leave these parameters out."
+            f"Record a richer excitation or leave these parameters out{f' ({out})' if out else ''}."
         )
         self.parameters = parameters
         self.rank = rank

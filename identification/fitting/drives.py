@@ -3,9 +3,10 @@
 Where torque is measured at the motor side it holds the rotor's inertia, and often an offset. The rule for "auto":
 five folds; a parameter set is taken over the next smaller one when it lowers the held-out squares (geometric mean of
 the joints) by more than 1 %, and those of at least half of the joints. Candidates: neither, offset, rotor inertia,
-both. Rotor inertias of which most come out negative are none (behind a gear's torque sensor they only absorb what
-else the model lacks): such a candidate is not taken. Where the noise is known, an offset is a matter of the mean
-torque alone, one line of each joint, which says nothing on the others: there at least half of the joints must show
+both; none with a parameter that the motion cannot tell apart from others (an offset from Coulomb friction where no
+velocity reverses). Rotor inertias of which most come out negative are none (behind a gear's torque sensor they only
+absorb what else the model lacks): such a candidate is not taken. Where the noise is known, an offset is a matter of the
+mean torque alone, one line of each joint, which says nothing on the others: there at least half of the joints must show
 one that is clear of its own uncertainty. Fewer are effects of those joints, which the diagnosis names.
 """
 
@@ -24,6 +25,8 @@ CLEAR = 3.0
 FOLDS = 5
 REQUIRED_GAIN = 0.01
 _RELATIVE_CUTOFF = 1e-9
+_ROUNDING = 1e-12
+"""Of the largest eigenvalue: one below it is zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +46,13 @@ def choose_drive_parameters(
     rotor_inertia, offset: True or False fixes that one, None leaves it open.
     """
     folds = _fold_products(blocks)
-    candidates = [
+    every = [
         (rotor, constant)
         for rotor, constant in ((False, False), (False, True), (True, False), (True, True))
         if rotor_inertia in (None, rotor) and offset in (None, constant)
     ]
+    left_open = [_directions_left_open(folds, _columns(regressor, *candidate)) for candidate in every]
+    candidates = [candidate for candidate, count in zip(every, left_open, strict=True) if count <= left_open[0]]
     squares = {candidate: _held_out_squares(folds, _columns(regressor, *candidate)) for candidate in candidates}
     scores = {candidate: float(np.exp(np.mean(np.log(values)))) for candidate, values in squares.items()}
     best = candidates[0]
@@ -119,6 +124,14 @@ def _fold_products(blocks: list[Block]) -> list[FloatArray]:
 def _solve(products: FloatArray, weights: FloatArray, columns: IntArray) -> FloatArray:
     gram = np.einsum("n,nij->ij", weights, products)
     return shortest_solution(gram[np.ix_(columns, columns)], gram[columns, -1], _RELATIVE_CUTOFF)
+
+
+def _directions_left_open(folds: list[FloatArray], columns: IntArray) -> int:
+    """Number of combinations of parameters that no row tells."""
+    gram = np.sum(folds, axis=(0, 1))[np.ix_(columns, columns)]
+    norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values = np.linalg.eigvalsh(gram / np.outer(norms, norms))
+    return int(np.count_nonzero(values <= _ROUNDING * values[-1]))
 
 
 def _squares(products: FloatArray, columns: IntArray, values: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,8 +10,11 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import UndeterminedParametersError
 from identification.fitting.drives import choose_drive_parameters
-from identification.robots import RobotModel
+from identification.recording_fit import FitSettings, fit_recordings
+from identification.recordings import read_recording
+from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion
 
 
@@ -29,3 +33,33 @@ def test_an_offset_has_to_hold_on_the_recording_that_was_not_fitted(
         fitted = np.ones(torque.shape, dtype=bool)
         blocks.append(SimpleNamespace(columns=columns, torque=torque, fitted=fitted, signals=signals, recording=number))
     assert choose_drive_parameters(blocks, regressor, rotor_inertia=False, offset=None).offset is wanted
+
+
+def _one_way(folder: Path) -> Path:
+    """A joint that turns one way, faster and slower: 2.0 Nm of friction, 0.7 Nm besides, which it cannot tell apart."""
+    time = np.arange(4000) * 0.005
+    pace = 2.0 * np.pi * np.array([0.2, 0.37])
+    swing = np.array([0.5, 0.4])
+    position = 1.5 * time - (swing * np.cos(time[:, None] * pace) / pace).sum(axis=1)
+    velocity = 1.5 + (swing * np.sin(time[:, None] * pace)).sum(axis=1)
+    acceleration = (swing * pace * np.cos(time[:, None] * pace)).sum(axis=1)
+    assert velocity.min() > 0.0
+    torque = 0.8 * acceleration + 0.3 * velocity + 2.7 + 0.02 * np.random.default_rng(5).normal(size=time.size)
+    (folder / "wheel.urdf").write_text(WHEEL)
+    file = folder / "one_way.npz"
+    np.savez(file, t=time, q=position[:, None], tau=torque[:, None], robot="wheel.urdf")
+    return file
+
+
+WHEEL = """<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axle" type="continuous"><parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+def test_an_offset_is_not_chosen_where_no_velocity_reverses(tmp_path: Path) -> None:
+    recording = read_recording(_one_way(tmp_path))
+    robot = load_robot(tmp_path / "wheel.urdf")
+    found = fit_recordings([recording], robot, FitSettings(physical=False))
+    assert dict(zip(found.names, found.values, strict=True))["FS_1"] == pytest.approx(2.7, abs=0.02)
+    with pytest.raises(UndeterminedParametersError, match="--offset no"):
+        fit_recordings([recording], robot, FitSettings(physical=False, offset="yes"))
