@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from identification.audit.between import Change
     from identification.audit.leaderboard import Standing
     from identification.audit.trend import Trend
+    from identification.robots import RobotModel
 
 SHOWN = 8
 MODELS = (".json", ".urdf", ".xml", ".sdf")
@@ -61,7 +62,7 @@ def compare(
 
     --models: RMS of measured minus predicted torque of every model, best first, and what is wrong in each.
     Four recordings or more are a series: friction by date (of the runs, else as given), and when it changed at once.
-    Exit code 0 whatever the answer; 1 where a model is of another arm.
+    Exit code 0 whatever the answer; 1 where a model cannot be used, as one of another arm.
     Example: iiwa-ident compare runs/may/recording.mcap runs/june/recording.mcap
     """
     if models:
@@ -93,7 +94,7 @@ def leaderboard_command(
 ) -> None:
     """Models of one arm against recordings: RMS per joint, best first, and what is wrong in each. Nothing is fitted.
 
-    The same as `compare --models`. Exit code 0 whatever the answer; 1 where a model is of another arm.
+    The same as `compare --models`. Exit code 0 whatever the answer; 1 where a model cannot be used.
     Example: iiwa-ident leaderboard arm.urdf runs/may/model.json --on runs/june/recording.mcap
     """
     _leaderboard(models, on, arm, offsets, json_file)
@@ -171,10 +172,8 @@ def _leaderboard(
     models: Sequence[Path], logs: Sequence[Path], arm: RecordedArm, offsets: bool, json_file: Path | None
 ) -> None:
     from identification.audit.leaderboard import leaderboard
-    from identification.model_file import read_model
 
-    written = next((file for file in models if file.suffix == ".json"), None)
-    inputs = arm.load(logs, model_robot=None if written is None else read_model(written).load_robot())
+    inputs = arm.load(logs, model_robot=_robot_of(models))
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
     result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "recordings": list(map(str, logs)),
               "models": [item.to_json() for item in standings]}  # fmt: skip
@@ -182,6 +181,22 @@ def _leaderboard(
         show_leaderboard(standings, offsets, inputs.robot.torque_unit)
     if any(item.rms is None for item in standings):
         raise typer.Exit(1)
+
+
+def _robot_of(models: Sequence[Path]) -> RobotModel | None:
+    """The robot of the first model.json that can be used; of the others the table says why they cannot."""
+    from identification.errors import ModelFileError, ModelFileNotFoundError, RobotError
+    from identification.model_file import read_model
+
+    for file in models:
+        try:
+            if file.suffix == ".json":
+                return read_model(file).load_robot()
+        except ModelFileNotFoundError:
+            raise
+        except (ModelFileError, RobotError):
+            continue
+    return None
 
 
 def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) -> None:

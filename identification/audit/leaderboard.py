@@ -18,7 +18,13 @@ from identification.audit.audit import audit
 from identification.audit.difference import Audit
 from identification.audit.rows import band_of
 from identification.base_parameters import BaseRegressor
-from identification.errors import ModelFileError, RobotError, RobotNotFoundError
+from identification.errors import (
+    EstimationError,
+    ModelFileError,
+    ModelFileNotFoundError,
+    RobotError,
+    RobotNotFoundError,
+)
 from identification.fitting.processing import process_without_periods
 from identification.fitting.rms import RmsRow, rms_of_rows
 from identification.fitting.settings import FitSettings
@@ -75,10 +81,11 @@ class Standing:
 def leaderboard(
     models: Sequence[Path], recordings: Sequence[Recording], robot: RobotModel, *, offsets: bool = False
 ) -> tuple[Standing, ...]:
-    """The models, best first by the sum of RMS over the joints; those of another arm last.
+    """The models, best first by the sum of RMS over the joints; those that cannot be used last, with the reason.
 
     offsets: whether one constant a joint is fitted, as a torque sensor's zero; the line then says so. Raises
-    RobotNotFoundError for a file that is not there, RecordingError for recordings too short or at rest, or given twice.
+    RobotNotFoundError or ModelFileNotFoundError for a file that is not there, RecordingError for recordings too short
+    or at rest, or given twice.
     """
     refuse_repeated(recordings)
     standings = [
@@ -94,15 +101,15 @@ def _standing(path: Path, name: str, recordings: Sequence[Recording], robot: Rob
         regressor = BaseRegressor(robot, model.options)
         values, shift = model.base_values(regressor), model.torque_shift(robot.n)
         left_to = left_to_parameters(model, recordings, robot)
-    except RobotNotFoundError:
+        sign = -1.0 if model.turns_torque else 1.0
+        given, left_to = (
+            tuple(replace(each, torque=sign * each.torque) for each in some) for some in (recordings, left_to)
+        )
+        audited = audit(left_to, robot, model if path.suffix == ".json" else path, name)
+    except (RobotNotFoundError, ModelFileNotFoundError):
         raise
-    except (ModelFileError, RobotError) as error:
+    except (ModelFileError, RobotError, EstimationError) as error:
         return Standing(str(path), None, None, None, str(error))
-    sign = -1.0 if model.turns_torque else 1.0
-    given, left_to = (
-        tuple(replace(each, torque=sign * each.torque) for each in some) for some in (recordings, left_to)
-    )
-    audited = audit(left_to, robot, model if path.suffix == ".json" else path, name)
     settings = FitSettings(pipeline="aperiodic", low_pass_hz=band_of(recordings))
     torque = _over_time(given, given, settings, lambda stretches: measured_torque(stretches, robot, shift))
     left = _over_time(left_to, given, settings, lambda stretches: torque_left(stretches, regressor, [values], shift)[0])

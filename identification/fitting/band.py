@@ -120,6 +120,11 @@ def highest_band(recording: Recording) -> float:
     return min(WIDEST_HZ, 1.0 / recording.sampling_period_s / 8.0)
 
 
+def within_rate(band_hz: float, recording: Recording) -> float:
+    """A band that was chosen for other recordings, Hz, as far as the rate of this one allows: above, signs alias."""
+    return min(band_hz, 1.0 / recording.sampling_period_s / 8.0)
+
+
 def band_of_motion(recording: Recording) -> float:
     """Hz that hold ten harmonics of the motion: ten times the frequency below which every joint has its velocity.
 

@@ -13,6 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import UndeterminedParametersError
+from identification.fitting.band import within_rate
 from identification.fitting.nominal_model import notes_on_model
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
@@ -104,7 +105,7 @@ def settings_of_fit(
         settings = replace(settings, largest_explanation=room)
     band = fit.settings.low_pass_hz
     if band is not None and settings.low_pass_hz is None:
-        band = min([band, *(1.0 / recording.sampling_period_s / 8.0 for recording in heldout)])
+        band = min([band, *(within_rate(band, recording) for recording in heldout)])
     return replace(settings, low_pass_hz=band)
 
 

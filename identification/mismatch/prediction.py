@@ -17,6 +17,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError, RecordingError
+from identification.fitting.band import within_rate
 from identification.fitting.settings import Split
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.effects import effect_named
@@ -141,7 +142,8 @@ def left_to_parameters(
     left = []
     for recording in recordings:
         upright = replace(recording, torque=sign * recording.torque)
-        torque = sign * without_effects(upright, effects, regressor, values, band, terms).torque
+        own_band = None if band is None else within_rate(band, recording)
+        torque = sign * without_effects(upright, effects, regressor, values, own_band, terms).torque
         measured = np.ptp(recording.torque, axis=0) > 0.0
         left.append(replace(recording, torque=np.where(measured, torque, recording.torque)))
     return tuple(left)

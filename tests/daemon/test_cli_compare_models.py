@@ -119,7 +119,18 @@ def test_what_makes_no_comparison_is_refused(
 
 
 def test_a_model_that_is_not_there_is_missing_input(folder: Path, tmp_path: Path) -> None:
-    assert run("compare", "--models", tmp_path / "none.urdf", "--", folder / "log.npz") == 66
+    for name in ("none.urdf", "none.json"):
+        assert run("compare", "--models", folder / "true.urdf", tmp_path / name, "--", folder / "log.npz") == 66
+
+
+def test_a_damaged_model_is_one_row_with_its_reason(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "damaged.json").write_text("{")
+    assert run("leaderboard", tmp_path / "damaged.json", folder / "true.urdf", "--on", folder / "log.npz") == 1
+    text = capsys.readouterr().out
+    assert "damaged.json: cannot be read as JSON" in text
+    assert text.index("true.urdf") < text.index("damaged.json:")
 
 
 def test_what_was_found_is_written_into_the_simulators_file(folder: Path, tmp_path: Path) -> None:

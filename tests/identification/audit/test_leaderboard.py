@@ -52,9 +52,9 @@ FACTS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def recorded(folder: Path, fact: str) -> Recording:
+def recorded(folder: Path, fact: str, step_s: float = 0.01) -> Recording:
     """One run of the arm, of which a fact is true that its base parameters do not say."""
-    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=4)
+    q, dq, ddq = fourier_motion(7, period_s=1000 * step_s, samples=1000, seed=4)
     torque = inverse_dynamics(ARM, consistent(table_three()), q, dq, ddq)
     if "effects" in fact:
         torque[:, JOINT - 1] += HALF_DIFFERENCE * np.abs(dq[:, JOINT - 1])
@@ -63,7 +63,7 @@ def recorded(folder: Path, fact: str) -> Recording:
     torque += NOISE_NM * np.random.default_rng(6).standard_normal(torque.shape)
     if "turned" in fact:
         torque = -torque
-    np.savez(folder / "log.npz", t=np.arange(1000) * 0.01, q=q, tau=torque, robot="iiwa14")
+    np.savez(folder / "log.npz", t=np.arange(1000) * step_s, q=q, tau=torque, robot="iiwa14")
     return read_recording(folder / "log.npz")
 
 
@@ -104,6 +104,30 @@ def test_the_leaderboard_and_validate_say_the_same_in_the_same_band(tmp_path: Pa
     assert standing.rms is not None
     np.testing.assert_allclose(standing.rms.rms_nm, validated.rms_nm, rtol=1e-9)
     np.testing.assert_allclose(standing.rms.percent, validated.percent, rtol=1e-9)
+
+
+def test_the_cutoff_of_a_fit_does_not_bar_its_model_from_a_slow_recording(tmp_path: Path) -> None:
+    """25 samples a second hold nothing of 20 Hz, and the motion is far below 1 Hz."""
+    slow = recorded(tmp_path, "effects", step_s=0.04)
+    wide = FACTS["effects"] | {"provenance": {"settings": {"low_pass_hz": 20.0}}}
+    files = [written(tmp_path / "plain", {}), written(tmp_path / "knows", wide)]
+    best, other = leaderboard(files, [slow], ARM)
+    assert best.name == str(files[1])
+    assert best.rms is not None
+    assert other.rms is not None
+    assert best.rms.total_nm < 0.5 * other.rms.total_nm
+
+
+def test_a_model_that_no_such_arm_can_have_is_one_row_with_its_reason(tmp_path: Path) -> None:
+    recording = recorded(tmp_path, "nothing")
+    plain, physical = written(tmp_path / "plain", {}), consistent(table_three())
+    heavy = replace(physical, mass=physical.mass + np.array([0.0] * 6 + [500.0]))
+    (tmp_path / "heavy").mkdir()
+    model_of(tmp_path / "heavy", "iiwa14", heavy)
+    best, other = leaderboard([tmp_path / "heavy" / "model.json", plain], [recording], ARM)
+    assert best.name == str(plain)
+    assert other.rms is None
+    assert "which no such arm carries" in other.sentences[0]
 
 
 def test_offsets_are_taken_off_as_the_sensors_state_them(tmp_path: Path) -> None:
