@@ -352,15 +352,15 @@ def _alike(one: Scored, scored: list[Scored]) -> tuple[Hypothesis, ...]:
     item = one.item
     if item.bends:
         return ()
-    found: dict[Place, Hypothesis] = {}
-    for each in scored:
-        other = each.item
-        near = max(AS_LIKELY, ALIKE * one.nats if item.is_body and other.is_body else 0.0)
-        # A link that is another and a load on it are one body to the torque.
-        same = item.is_body and other.link == item.link
-        if other.place != item.place and (same or abs(each.nats - one.nats) < near):
-            found.setdefault(other.place, other)
-    return tuple(found.values())
+
+    def near(other: Scored) -> bool:
+        bodies = item.is_body and other.item.is_body
+        return abs(other.nats - one.nats) < max(AS_LIKELY, ALIKE * one.nats if bodies else 0.0)
+
+    # A link that is another and a load on it are one body to the torque.
+    links = {each.item.link for each in (one, *filter(near, scored)) if each.item.is_body}
+    others = {each.item.place: each.item for each in scored if near(each) or each.item.link in links}
+    return tuple(other for place, other in others.items() if place != item.place)
 
 
 def _fewest_columns_first(scored: list[Scored], own: bool) -> list[Scored]:

@@ -6,12 +6,16 @@ Truth: Pinocchio's torque of the paper's arm with a point mass at the flange, ad
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
 from fixtures.physics import iiwa14_table_three
 from identification.audit import audit
+from identification.audit.basis import Explanation
+from identification.audit.hypotheses import Hypothesis
+from identification.audit.search import Scored, _alike
 from identification.model_file import Model, read_model, write_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
@@ -59,3 +63,15 @@ def test_a_load_on_the_last_axis_is_at_the_flange_with_the_link_before_named_bes
     assert low < mass < high
     assert "a load on link 6" in load.sentence
     assert found.holds
+
+
+def scored(effect: str, link: int, nats: float) -> Scored:
+    return Scored(nats, 1.0, Hypothesis(effect, np.arange(4), np.ones(4), 0.0, link=link), cast(Explanation, None))
+
+
+def test_a_body_that_is_as_likely_comes_with_a_load_on_its_link_whatever_link_was_chosen() -> None:
+    """A load on a link was left out beside another body of it, but for the link that was chosen."""
+    chosen, near, far = scored("payload", 6, 1000.0), scored("link_parameters", 5, 999.0), scored("payload", 5, 700.0)
+    elsewhere = scored("payload", 3, 700.0)
+    others = _alike(chosen, [chosen, near, far, elsewhere])
+    assert [(other.effect, other.link) for other in others] == [("link_parameters", 5), ("payload", 5)]
