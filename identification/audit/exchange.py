@@ -44,6 +44,51 @@ class Exchange:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stated:
+    """Rows as they are stated, which another reading of them is held against. gravity: (3,) m/s². factor: (14 n,) width
+    of parameters that nobody knows. directions: the rows with their torque, wherever gravity points.
+    """
+
+    rows: Rows
+    gravity: FloatArray
+    sizes: Sizes
+    factor: FloatArray
+    directions: Directions
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], robot: RobotModel) -> Stated | None:
+        """Of some recordings; None for one joint, and for joints that follow others. Raises RecordingError for
+        recordings at rest or too short.
+        """
+        if robot.mimics or robot.n < 2:
+            return None
+        rows = rows_of(recordings)
+        sizes = sizes_of(robot, rows)
+        stated = Directions.of(Geometry(robot, rows), rows.torque)
+        return cls(rows, np.array(robot.gravity, dtype=np.float64), sizes, wide_open(sizes), stated)
+
+    def gain_of(self, other: Directions, least: float, *rivals: Directions) -> float | None:
+        """Nats by which rows read in another way are likelier; None for `least` or fewer, or where much misfit stays.
+
+        rivals: other readings, which the same holds against.
+        """
+        std = np.maximum(0.1 * self.sizes.torque, 1e-9)
+        for _ in range(_TURNS):
+            std = np.maximum(other.left(self.gravity, 1.0 / std**2, self.factor), self.sizes.least_noise)
+        gains = [self._likelier(other, rival, std, least) for rival in (self.directions, *rivals)]
+        return None if None in gains else gains[0]
+
+    def _likelier(self, other: Directions, rival: Directions, std: FloatArray, least: float) -> float | None:
+        gravity, factor = self.gravity, self.factor
+        weight, mean = 1.0 / (REPEATED * std**2), np.zeros(len(factor))
+        gain = other.evidence(gravity, weight, mean, factor) - rival.evidence(gravity, weight, mean, factor)
+        if gain <= least:
+            return None
+        after, before = (float((item.left(gravity, weight, factor) ** 2 / std**2).sum()) for item in (other, rival))
+        return gain if after <= STAYS * before else None
+
+
 def exchanged_positions(
     recordings: Sequence[Recording], robot: RobotModel, least_gain: float = LEAST_GAIN
 ) -> Exchange | None:
@@ -52,41 +97,16 @@ def exchanged_positions(
     least_gain: nats that the best other explanation gains. Joints that follow others are not asked. Raises
     RecordingError for recordings at rest or too short.
     """
-    if robot.mimics or robot.n < 2:
+    stated = Stated.of(recordings, robot)
+    if stated is None:
         return None
-    rows = rows_of(recordings)
-    gravity, sizes = np.array(robot.gravity, dtype=np.float64), sizes_of(robot, rows)
-    factor = wide_open(sizes)
-    stated = Directions.of(Geometry(robot, rows), rows.torque)
     best: Exchange | None = None
     for pair in combinations(range(robot.n), 2):
-        other = Directions.of(Geometry(robot, _exchanged(rows, pair)), rows.torque)
-        std = noise_left(other, gravity, factor, sizes)
-        least = max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain)
-        gain = likelier(other, stated, gravity, std, factor, least)
+        other = Directions.of(Geometry(robot, _exchanged(stated.rows, pair)), stated.rows.torque)
+        gain = stated.gain_of(other, max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain))
         if gain is not None:
             best = Exchange((pair[0] + 1, pair[1] + 1), gain)
     return best
-
-
-def noise_left(other: Directions, gravity: FloatArray, factor: FloatArray, sizes: Sizes) -> FloatArray:
-    """(n,) Nm that free parameters leave when the rows are read in another way."""
-    std = np.maximum(0.1 * sizes.torque, 1e-9)
-    for _ in range(_TURNS):
-        std = np.maximum(other.left(gravity, 1.0 / std**2, factor), sizes.least_noise)
-    return std
-
-
-def likelier(
-    other: Directions, stated: Directions, gravity: FloatArray, std: FloatArray, factor: FloatArray, least: float
-) -> float | None:
-    """Nats by which rows read in another way are likelier; None for `least` or fewer, or where much misfit stays."""
-    weight, mean = 1.0 / (REPEATED * std**2), np.zeros(len(factor))
-    gain = other.evidence(gravity, weight, mean, factor) - stated.evidence(gravity, weight, mean, factor)
-    if gain <= least:
-        return None
-    after, before = (float((item.left(gravity, weight, factor) ** 2 / std**2).sum()) for item in (other, stated))
-    return gain if after <= STAYS * before else None
 
 
 def _exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:

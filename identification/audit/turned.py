@@ -16,10 +16,10 @@ from identification.arrays import FloatArray
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
-from identification.audit.exchange import likelier, noise_left
-from identification.audit.given import GivenModel, sizes_of, wide_open
+from identification.audit.exchange import Stated
+from identification.audit.given import GivenModel
 from identification.audit.misread import least_square
-from identification.audit.rows import REPEATED, Rows, rows_of
+from identification.audit.rows import REPEATED, Rows
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -64,25 +64,21 @@ def turned_joint(
     least_gain: nats that the best other explanation gains. Joints that follow others are not asked. Raises
     RecordingError for recordings at rest or too short.
     """
-    if robot.mimics or robot.n < 2:
+    stated = Stated.of(recordings, robot)
+    if stated is None:
         return None
-    rows = rows_of(recordings)
-    gravity, sizes = np.array(robot.gravity, dtype=np.float64), sizes_of(robot, rows)
-    factor = wide_open(sizes)
-    stated = Directions.of(Geometry(robot, rows), rows.torque)
+    rows = stated.rows
     # A torque that alone has the wrong sign is a rival, and `data_faults` names it.
     torques = [_turned(rows.torque, joint) for joint in range(robot.n)]
-    rivals = [stated, *(Directions.of(Geometry(robot, rows), torque) for torque in torques)]
+    rivals = [Directions.of(Geometry(robot, rows), torque) for torque in torques]
     best: TurnedJoint | None = None
     for joint in range(robot.n):
         geometry = Geometry(robot, rows.turned(joint, with_torque=False))
         for with_torque in (False, True):
             other = Directions.of(geometry, torques[joint] if with_torque else rows.torque)
-            std = noise_left(other, gravity, factor, sizes)
-            least = max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain)
-            gains = [likelier(other, rival, gravity, std, factor, least) for rival in (stated, rivals[1 + joint])]
-            if all(gain is not None for gain in gains):
-                best = TurnedJoint(joint + 1, with_torque, float(gains[0] or 0.0))
+            gain = stated.gain_of(other, max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain), rivals[joint])
+            if gain is not None:
+                best = TurnedJoint(joint + 1, with_torque, gain)
     return best
 
 
