@@ -19,7 +19,7 @@ from identification.audit.difference import Audit, Difference
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.misread import by_its_velocity, in_degrees, misread, misread_order
 from identification.audit.numbers import found_numbers
-from identification.audit.rows import COULOMB_VELOCITY, REPEATED, rows_of
+from identification.audit.rows import REPEATED, rows_of
 from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
@@ -130,7 +130,7 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
         # Another stand shows other parameters: those of the model are of the stand that it was made on.
         its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
         regressor = BaseRegressor(replace(robot, gravity=its_stand), options)
-    rows = rows_of(recordings, options.coulomb_velocity or COULOMB_VELOCITY)
+    rows = rows_of(recordings, options.coulomb_velocity)
     sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
     if isinstance(model, Model):
         given = given_model(model, regressor, sizes, called or Path(model.path or "the model").name)

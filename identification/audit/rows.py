@@ -26,7 +26,9 @@ BLOCK_S = 2.0
 FEWEST_BLOCKS = 16
 """Parts of one motion differ in posture and direction: blocks taken in turns see all of it."""
 COULOMB_VELOCITY = 0.02
-"""rad/s over which Coulomb friction turns over where a model says nothing."""
+"""rad/s over which Coulomb friction turns over where a model says nothing, and of a joint that is slow:"""
+SHARE_OF_SPEED = 0.05
+"""of its largest speed. The width is a velocity of the joint, and what it takes off friction belongs to no cause."""
 LEAST_TRAVEL = 1e-3
 """rad (m); a joint that moves less stands still."""
 FEWEST_ROWS = 40
@@ -120,9 +122,10 @@ def band_of(recordings: Sequence[Recording]) -> float:
     return min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
 
 
-def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_VELOCITY) -> Rows:
+def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = 0.0) -> Rows:
     """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest.
 
+    coulomb_velocity: rad/s over which a model has Coulomb friction turn over, 0 where it says nothing.
     A joint whose torque never changes has none that was measured, so no row of it is used.
     """
     low_pass_hz = band_of(recordings)
@@ -136,7 +139,9 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
             )
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
         measured = np.ptp(recording.torque, axis=0) > 0.0
-        for piece in process_aperiodic(recording, low_pass_hz):
+        pieces = process_aperiodic(recording, low_pass_hz)
+        width = coulomb_velocity or _width_of(pieces)
+        for piece in pieces:
             first = 1 + (int(found[-1].block[-1]) if found else -1)
             smooth = Smooth.of(piece, low_pass_hz)
             torque, rate = smooth.after(0.0)
@@ -146,7 +151,7 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
                     piece.project(piece.position),
                     piece.project(piece.velocity),
                     piece.project(piece.acceleration),
-                    piece.project(np.tanh(piece.velocity / coulomb_velocity)),
+                    piece.project(np.tanh(piece.velocity / width)),
                     torque,
                     rate,
                     piece.used & measured,
@@ -166,6 +171,12 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = COULOMB_V
         )
     stride = -(-len(joined.block) // MOST_ROWS)
     return joined if stride == 1 else _thinned(joined, stride)
+
+
+def _width_of(pieces: Sequence[ProcessedSignals]) -> FloatArray:
+    """(n,) rad/s over which Coulomb friction of each joint turns over where no model says it."""
+    speed = np.abs(np.concatenate([piece.velocity for piece in pieces])).max(axis=0)
+    return np.asarray(np.clip(SHARE_OF_SPEED * speed, 1e-9, COULOMB_VELOCITY))
 
 
 def _thinned(rows: Rows, stride: int) -> Rows:

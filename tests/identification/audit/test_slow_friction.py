@@ -1,0 +1,43 @@
+"""A claim about friction of a joint that is slow: the audit and the fit see nearly the same.
+
+Truth: Coulomb friction by the sign of the velocity, written here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.audit.between import changes_between, model_of
+from identification.recordings import Recording, read_recording
+from identification.robots import load_robot
+
+WHEEL = """<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axle" type="continuous"><parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+def recorded(folder: Path, seed: int, coulomb_nm: float) -> Recording:
+    """30 s below 0.065 rad/s."""
+    random = np.random.default_rng(seed)
+    time, pace, size = np.arange(6000) * 0.005, 2.0 * np.pi * np.array([0.11, 0.23, 0.37]), [0.03, 0.02, 0.015]
+    turns = time[:, None] * pace + random.uniform(0.0, 6.0, 3)
+    velocity = (size * np.sin(turns)).sum(axis=1)
+    torque = 20.0 * (size * pace * np.cos(turns)).sum(axis=1) + 30.0 * velocity + coulomb_nm * np.sign(velocity)
+    torque += 0.05 * random.normal(size=time.size)
+    (folder / "wheel.urdf").write_text(WHEEL)
+    position = -(size / pace * np.cos(turns)).sum(axis=1)
+    np.savez(folder / f"{seed}.npz", t=time, q=position[:, None], tau=torque[:, None], robot="wheel.urdf")
+    return read_recording(folder / f"{seed}.npz")
+
+
+def test_what_an_audit_sees_of_coulomb_friction_is_what_the_fit_does(tmp_path: Path) -> None:
+    """With friction that turns over within 0.02 rad/s, a third of this joint's speed, 3 Nm more of it were 3.4."""
+    first, second = recorded(tmp_path, 1, 1.0), recorded(tmp_path, 2, 4.0)
+    robot = load_robot(tmp_path / "wheel.urdf")
+    change = changes_between(model_of(first, robot), second, robot)
+    (friction,) = (item for item in change.parameters if item.name == "FS_1")
+    assert friction.after - friction.before == pytest.approx(3.0, rel=0.01)
+    assert change.audit.rms_before[0] == pytest.approx(3.0, rel=0.03)
