@@ -6,16 +6,24 @@ whose derivative is no motion; rows with new values are honest. Which rows they 
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
+from identification.errors import RecordingError
 
-__all__ = ["held_rows", "rows_of_a_slower_source"]
+__all__ = ["held_rows", "refuse_staircase", "rows_of_a_slower_source"]
 
 _TOGETHER = 0.7
 """Share of the moving channels that change in a row with news; of coarse sensors that repeat values, few do at once."""
+LONGEST_HELD_S = 0.025
+"""Positions of 40 Hz carry the 20 Hz up to which motion is looked for."""
 _REGULAR = 0.9
 """Share of the steps from news to news that are within one row of the usual step."""
+_OF_A_QUANTUM = 2.0
+"""Times the tenth percentile of a channel's changes that their median is at most where a coarse sensor turns over by
+one step now and then; a source that comes late brings changes as different as the motion makes them."""
 
 
 def rows_of_a_slower_source(position: FloatArray, torque: FloatArray) -> tuple[BoolArray, str, int]:
@@ -46,6 +54,28 @@ def held_rows(position: FloatArray, torque: FloatArray) -> BoolArray:
     return np.asarray(same & moved, dtype=np.bool_)
 
 
+def refuse_staircase(path: Path, position: FloatArray, step_s: float) -> None:
+    """Raises RecordingError for a joint that goes its way (R, n) in leaps that come more slowly than motion is looked
+    for: its positions stand in rows in which others move, so none can be left out.
+    """
+    for joint, values in enumerate(position.T):
+        news = np.flatnonzero(_news(values[:, None]))
+        steps, leaps = np.diff(news), np.abs(np.diff(values[news]))
+        if not leaps.size or _is_coarse(values[news, None]):
+            continue
+        order = np.argsort(steps)
+        way = np.cumsum(leaps[order])
+        rows = int(steps[order][np.searchsorted(way, 0.5 * way[-1])])
+        if rows > 1 and rows * step_s > LONGEST_HELD_S:
+            raise RecordingError.named(
+                path,
+                f"joint {joint + 1} leaps once in {rows} rows ({1e3 * rows * step_s:.3g} ms) and stands between, while "
+                "others move: a staircase, whose derivative is no motion. Write each row with positions of its time",
+                field="q",
+                joint=joint + 1,
+            )
+
+
 def _news(values: FloatArray) -> BoolArray:
     """(R,) rows that differ from the row before in any channel; the first is one."""
     result = np.ones(values.shape[0], dtype=np.bool_)
@@ -62,5 +92,14 @@ def _rows_per_news(values: FloatArray) -> int:
     usual = int(np.median(steps))
     changed = values[news[1:]] != values[news[1:] - 1]
     together = float(changed[:, changed.any(axis=0)].mean())
-    regular = float((np.abs(steps - usual) <= 1).mean())
-    return usual if usual >= 2 and together >= _TOGETHER and regular >= _REGULAR else 1
+    regular = float((np.abs(steps - usual) <= 1).mean()) >= _REGULAR
+    return usual if usual >= 2 and together >= _TOGETHER and (regular or not _is_coarse(values[news])) else 1
+
+
+def _is_coarse(values: FloatArray) -> bool:
+    """Whether the changes of all channels are of one step of a sensor. values: (R, n) rows with news."""
+    changes = np.abs(np.diff(values, axis=0))
+    changes[changes == 0.0] = np.nan
+    changes = changes[:, np.isfinite(changes).any(axis=0)]
+    step, usual = np.nanpercentile(changes, [10.0, 50.0], axis=0)
+    return bool(np.all(usual <= _OF_A_QUANTUM * step))

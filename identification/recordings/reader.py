@@ -13,6 +13,7 @@ from identification.errors import RecordingError, RecordingNotFoundError, RobotE
 from identification.recordings.bag import bag_files, entries_of
 from identification.recordings.cleaning import build_recording, check_shapes
 from identification.recordings.csv_reader import read_csv
+from identification.recordings.held import refuse_staircase
 from identification.recordings.joint_choice import for_robot, select_joints
 from identification.recordings.leaps import refuse_leaps, with_whole_turns
 from identification.recordings.log_reader import read_bag_folder, read_log
@@ -125,6 +126,7 @@ def read_recording(
     checked = check_units(recording, arm, stated)
     if arm is not None:
         refuse_leaps(checked, arm)
+        refuse_staircase(path, checked.position, checked.sampling_period_s)
     return _noted(checked, notes)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from identification.errors import RecordingError
 from identification.recordings import Recording, read_recording
 
 ROWS, EVERY, STEP = 2000, 10, 0.002
@@ -68,3 +69,62 @@ def test_a_coarse_sensor_is_no_slower_source_and_no_row_is_said_to_be_left_out(t
     assert recording.samples == ROWS
     (finding,) = recording.report.of_kind("repeated_rows")
     assert finding.sentence.endswith("the row was kept, as so many do")
+
+
+def test_a_source_that_comes_at_no_regular_time_is_a_slower_source_still(tmp_path: Path) -> None:
+    """Once in 8 to 16 rows: of 60 ms a fit left up to 15 Nm of an arm's torque, with periods and without."""
+    values = arrays()
+    news = np.cumsum(np.random.default_rng(1).integers(8, 17, size=ROWS))
+    row = np.concatenate([[0], news[news < ROWS]])
+    last = row[np.searchsorted(row, np.arange(ROWS), side="right") - 1]
+    recording = read(tmp_path, "irregular", t=values["t"], q=values["q"][last], tau=values["tau"])
+    np.testing.assert_array_equal(recording.position, values["q"][row])
+
+
+THREE = (
+    '<robot name="three"><link name="l0"/>'
+    + "".join(
+        f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        f'<axis xyz="0 {k % 2} {1 - k % 2}"/></joint>'
+        for k in (1, 2, 3)
+    )
+    + "</robot>"
+)
+
+
+def staggered(every: int) -> np.ndarray:
+    """Three joints, each of which is told once in so many rows, one after the other."""
+    q = arrays()["q"]
+    for joint in range(3):
+        row = np.maximum(0, (np.arange(ROWS) - joint) // every * every + joint)
+        q[:, joint] = q[row, joint]
+    return q
+
+
+def test_joints_that_leap_one_after_the_other_are_refused_where_no_motion_is_left(tmp_path: Path) -> None:
+    """Where nobody says which joints are the robot's, a gripper may be the slow one."""
+    values = arrays()
+    assert read(tmp_path, "nobodys", **(values | {"q": staggered(30)})).samples == ROWS
+    (tmp_path / "three.urdf").write_text(THREE)
+    with pytest.raises(RecordingError, match=r"joint 1 leaps once in 30 rows \(60 ms\)") as caught:
+        read(tmp_path, "slow", **(values | {"q": staggered(30)}))
+    assert (caught.value.field, caught.value.joint) == ("q", 1)
+    assert read(tmp_path, "fast", **(values | {"q": staggered(5)})).samples == ROWS
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.05])
+def test_a_single_coarse_encoder_is_no_staircase(tmp_path: Path, step: float) -> None:
+    values = {name: value if name == "t" else value[:, :1] for name, value in arrays().items()}
+    values["q"] = np.round(values["q"] / step) * step
+    (tmp_path / "three.urdf").write_text(THREE.split('<link name="l2"/>')[0] + "</robot>")
+    assert read(tmp_path, "coarse", **values).samples == ROWS
+
+
+def test_an_arm_that_rests_most_of_the_time_is_no_staircase(tmp_path: Path) -> None:
+    """At rest its encoder turns over by noise once in a while, as different each time as noise is."""
+    values = arrays()
+    random = np.random.default_rng(3)
+    rest = values["q"][500] + 1e-6 * np.repeat(random.normal(size=(50, 3)), 30, axis=0)
+    values["q"][500:] = rest
+    (tmp_path / "three.urdf").write_text(THREE)
+    assert read(tmp_path, "resting", **values).samples == ROWS
