@@ -133,7 +133,8 @@ def worsened(rest: Residuals, now: Residuals) -> BoolArray:
     """(n,) joints on which what `now` adds to `rest` makes predictions worse than the noise of the rows allows.
 
     A true change d of the prediction lowers the squares by d² with a deviation of 2 d, in units of what stays: the
-    noise, or the background where more stays than that. Rows of a coloured background count as `freedom` says.
+    noise, or the background where more stays than that. Rows of a coloured background count as `freedom` says. A rise
+    within one such deviation is none, however far it is from what a true change does.
     """
     used = now.used.sum(axis=1)
     after, before = (np.where(now.used, item.rows / now.noise, 0.0) for item in (now, rest))
@@ -141,7 +142,8 @@ def worsened(rest: Residuals, now: Residuals) -> BoolArray:
     share = np.minimum(now.freedom / np.maximum(used, 1), 1.0) / level
     moved = share * ((after - before) ** 2).sum(axis=1)
     rise = share * (after**2 - before**2).sum(axis=1)
-    return np.asarray(rise > np.maximum(2.0 * CLEARLY * np.sqrt(moved) - moved, 0.0))
+    deviation = 2.0 * np.sqrt(moved)
+    return np.asarray(rise > np.maximum(CLEARLY * deviation - moved, deviation))
 
 
 def misfit_probability(left: Residuals, evidences: Sequence[Evidence], highest_hz: float = np.inf) -> FloatArray:

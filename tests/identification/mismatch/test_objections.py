@@ -58,6 +58,16 @@ def test_noise_alone_makes_no_joint_worse_in_a_hundred_true_changes() -> None:
     assert refused <= 4  # seven joints, one in a thousand each
 
 
+def test_a_rise_inside_its_own_noise_is_none() -> None:
+    """Half of the change is true and half is not: the squares of a joint stay as they were, up to the noise."""
+    random = np.random.default_rng(3)
+    refused = 0
+    for _ in range(100):
+        noise, change = random.normal(size=(1, 200)), random.normal(scale=1.5, size=(1, 200))
+        refused += int(worsened(residuals(noise + 0.5 * change), residuals(noise - 0.5 * change)).any())
+    assert refused <= 28  # one in six is beyond one deviation, half are above zero
+
+
 def examined(evidence: Evidence, name: str, joint: int, shape: dict[str, float] | None = None) -> list[str]:
     """Why an effect that the search had settled on may not stand."""
     library = Library(EFFECTS, (evidence,))
