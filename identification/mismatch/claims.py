@@ -46,8 +46,8 @@ REMEMBERED = 8
 class Claims:
     """What is claimed, the trial behind it, and the residuals without and with it, on fitted and held-out recordings.
 
-    before: of the user's fit; after: of the model with names. heldout_searched: with all that the search found, also
-    what may not be named. power: what the names leave.
+    before: of the user's fit, without periods of one on these rows; after: of the model with names. heldout_searched:
+    with all that the search found, also what may not be named. power: what the names leave.
     beside: joint (from 0) → classes that it holds beside the names; empty without names.
     remarks: sentences on what describes the misfit but is not claimed, and on names that held-out data chose.
     too_weak: names that fit what is there, and that is too weak for a name.
