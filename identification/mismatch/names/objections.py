@@ -43,7 +43,8 @@ def without_objection(
     that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
-    there: list[Member] = []
+    # Of a name that took the place of another: what is there though it was too weak for the first of them.
+    there, behind = list[Member](), dict[tuple[str, Place], Member]()
     # What takes the place of a member is asked before it is taken, and after.
     answers = [lru_cache(2)(rule) for rule in rules]
     while trial.members:
@@ -54,14 +55,15 @@ def without_objection(
         worst = min(objections, key=lambda item: item.worth)
         member = trial.members[worst.index]
         fallen.add((member.effect.name, member.place))
+        first = behind.pop((member.effect.name, member.place), member if worst.there else None)
         name = name_of(member.effect.name, member.place.joint)
         remarks.append(f"{name} {worst.why}: it is not claimed")
         other = _under_another_name(exam, trial, worst.index, fallen)
         against = [] if other is None else [item for item in objecting(other) if item.index == worst.index]
         if other is None or against:
             trial = fitted(exam.problem, without(trial.members, worst.index), exam.settings)
-            if worst.there:
-                there.append(member)
+            if first is not None:
+                there.append(first)
             elif other is not None and against[0].there:
                 rival = other.members[worst.index]
                 remarks.append(f"{name_of(rival.effect.name, rival.place.joint)} {against[0].why}: it is not claimed")
@@ -69,6 +71,8 @@ def without_objection(
         else:
             trial, rival = other, other.members[worst.index]
             instead[rival.effect.name, rival.place] = name
+            if first is not None:
+                behind[rival.effect.name, rival.place] = first
     if exam.unseen is not None:
         standing = {(member.effect.name, member.place) for member in trial.members}
         remarks += [

@@ -20,7 +20,7 @@ from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, worsened
 from identification.mismatch.names.examination import Check, Examination, Rows
-from identification.mismatch.names.objections import recurring, untenable, useless
+from identification.mismatch.names.objections import Objection, recurring, untenable, useless, without_objection
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.search.library import Library
@@ -144,6 +144,37 @@ def test_without_a_measured_noise_a_name_that_foretells_nothing_is_not_claimed(
     assert not said_of(settled, ["cable_spring"], noise_is_measured=True)
     found = said_of(settled, ["cable_spring"], noise_is_measured=False)
     assert [why for _, why in found] == ([] if claimed else ["does not foretell data that were not fitted"])
+
+
+class _Set:
+    """A trial of which only the members are asked."""
+
+    def __init__(self, members: Sequence[Any]) -> None:
+        self.members = tuple(members)
+
+
+@pytest.mark.parametrize("second_falls", [True, False])
+def test_what_is_too_weak_for_a_name_is_there_though_another_name_took_its_place_and_fell(
+    monkeypatch: pytest.MonkeyPatch, second_falls: bool
+) -> None:
+    first, second = _member("cable_spring", 1), _member("torque_offset", 1)
+
+    def under_another_name(exam: Any, trial: _Set, index: int, fallen: set[tuple[str, Place]]) -> _Set | None:
+        return None if (second.effect.name, second.place) in fallen else _Set([second])
+
+    def rule(name: str, *, there: bool) -> Any:
+        return lambda trial: [
+            Objection(i, 0.0, "", there) for i, m in enumerate(trial.members) if m.effect.name == name
+        ]
+
+    place = "identification.mismatch.names.objections"
+    monkeypatch.setattr(f"{place}._under_another_name", under_another_name)
+    monkeypatch.setattr(f"{place}.fitted", lambda _problem, members, _settings: _Set(members))
+    exam = cast(Examination, SimpleNamespace(problem=None, settings=None, unseen=None))
+    rules = [rule("cable_spring", there=True), *([rule("torque_offset", there=False)] if second_falls else [])]
+    trial, _, there = without_objection(exam, cast(Any, _Set([first])), rules)
+    assert trial.members == (() if second_falls else (second,))
+    assert there == ((first,) if second_falls else ())
 
 
 def push(start_s: float) -> Change:
