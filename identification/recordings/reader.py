@@ -105,9 +105,13 @@ def read_recording(
         digest = beside.submit(_digest, file)
         found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
     if isinstance(found, Recording):
+        if units:
+            original = found.source.metadata["imported_from"]
+            what = f"is an import, in SI units since then: state other units where {original} is imported"
+            raise RecordingError.named(path, what, field=f"{next(iter(units))}_unit")
         arm, notes = _arm(found, robot, installation, model_robot)
         recording = found if arm is None else with_whole_turns(for_robot(found, arm, joints), arm)
-        stated = {**dict.fromkeys(found.source.metadata.get("units_stated", "").split(), ""), **(units or {})}
+        stated = dict.fromkeys(found.source.metadata.get("units_stated", "").split(), "")
     else:
         tables = [replace(each, units={**each.units, **(units or {})}) for each in found]
         table, arm, notes = _chosen(tables, robot, installation, joints, model_robot, topic)

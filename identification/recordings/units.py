@@ -54,12 +54,16 @@ def unknown_unit(quantity: str, unit: str) -> str:
 
 def in_si(table: RawTable, robot: RobotModel | None) -> RawTable:
     """The table in s, rad (m), rad/s (m/s), Nm (N) by its units; degrees turn revolute joints only, millimetres
-    prismatic ones only. Raises RecordingError for a unit that is not known.
+    prismatic ones only. Raises RecordingError for a unit that is not known, and for one of these where no robot says
+    which joints turn.
     """
     units = table.units
     for quantity, unit in units.items():
-        if unknown := unknown_unit(quantity, unit):
-            raise RecordingError.named(table.path, unknown, field=f"{quantity}_unit")
+        what = unknown_unit(quantity, unit)
+        if robot is None and unit in (*_ONLY_REVOLUTE, *_ONLY_PRISMATIC):
+            what = f"{quantity} is in {unit}, and which of its joints turn is not known: say so with --robot"
+        if what:
+            raise RecordingError.named(table.path, what, field=f"{quantity}_unit")
     revolute = (
         np.ones(table.position.shape[1], dtype=np.bool_)
         if robot is None

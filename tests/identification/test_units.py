@@ -152,6 +152,20 @@ def test_a_prismatic_joint_has_no_degrees(tmp_path: Path) -> None:
     assert load_robot(tmp_path / "gantry.urdf").units == ("N", "Nm")
 
 
+@pytest.mark.parametrize(("quantity", "unit"), [("q", "deg"), ("q", "mm"), ("dq", "deg/s"), ("dq", "mm/s")])
+def test_units_of_one_kind_of_joint_need_the_robot(tmp_path: Path, quantity: str, unit: str) -> None:
+    """The slide of a gantry was divided by 57.3, millimetres stayed as they were, and both were believed later."""
+    text = refusal(tmp_path, robot=None, dq=VELOCITY, **{f"{quantity}_unit": unit})
+    assert f"{quantity} is in {unit}, and which of its joints turn is not known: say so with --robot" in text
+
+
+def test_an_import_takes_no_other_units(tmp_path: Path) -> None:
+    """They were not put to use, and yet believed from there on."""
+    log = write_recording(read(tmp_path, q=0.1 * POSITION), tmp_path / "import.mcap")
+    with pytest.raises(RecordingError, match=r"state other units where .* is imported"):
+        read_recording(log, units={"q": "deg"})
+
+
 def test_a_joint_beyond_its_limits_is_said(tmp_path: Path) -> None:
     motion = POSITION.copy()
     motion[:, 1] += 1.5
