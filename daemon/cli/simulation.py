@@ -85,10 +85,11 @@ def export(
 
 def motor_prior(model: Model, parameters: str) -> np.ndarray:
     """(n,) kg m² that the prior of motor inertias adds to a model's parameter set; where they are from is said."""
+    from identification.export.effects import with_found_rotors
     from identification.export.parameters import parameters_of
     from identification.simulation.motor_inertia import motor_inertia_of
 
-    identified = parameters_of(model, parameters)
+    identified = with_found_rotors(parameters_of(model, parameters), model)
     values, sentence = motor_inertia_of(model.load_robot(), identified)
     message(sentence)
     return values - identified.rotor_inertia

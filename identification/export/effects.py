@@ -1,20 +1,22 @@
 """What a simulator model can hold of the effects that a diagnosis found, and what must stay beside it.
 
-Here: one table and one function. Not here: finding effects, or simulating them (`simulation` takes them as a torque).
+Here: one table and two functions. Not here: finding effects, or simulating them (`simulation` takes them as a torque).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from identification.export.parameters import ModelParameters
 from identification.model_file import Model
 
 IN_THE_PARAMETERS = {
     "payload": "is part of the last link's mass and inertia",
     "rotor_inertia": "is the joint's rotor inertia",
 }
-"""Effects that the exported numbers already hold, because the extended model was fitted with them."""
+"""Effects that the exported numbers hold: the extended model was fitted with the load, and `with_found_rotors` adds the
+rotor inertias that were found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,21 @@ class EffectsNote:
 
     left_out: tuple[dict[str, Any], ...]
     sentences: tuple[str, ...]
+
+
+def with_found_rotors(parameters: ModelParameters, model: Model) -> ModelParameters:
+    """The model's parameters with the rotor inertias that stand among its effects: those are beside its parameters.
+
+    Raises ModelFileError for such an effect that is not complete.
+    """
+    rotor = parameters.rotor_inertia.copy()
+    for effect in model.data.get("effects", []):
+        if effect.get("effect") == "rotor_inertia":
+            try:
+                rotor[int(effect["joint"]) - 1] += float(effect["model"]["coefficients"][0])
+            except (KeyError, TypeError, ValueError, IndexError) as error:
+                raise model.error(f"effect rotor_inertia is not complete ({error!r})", "effects") from error
+    return replace(parameters, rotor_inertia=rotor)
 
 
 def effects_note(model: Model) -> EffectsNote:

@@ -16,7 +16,7 @@ from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.arm import arm_of, with_distinct_names
 from identification.export.check import Agreement, check_export
-from identification.export.effects import effects_note
+from identification.export.effects import effects_note, with_found_rotors
 from identification.export.given_bodies import given_bodies
 from identification.export.held_joints import fix_held_joints
 from identification.export.kinematic_urdf import arm_without_inertias
@@ -103,6 +103,7 @@ def export_model(
     if prior is not None and parameter_set != "consistent":
         raise ModelFileError("A prior belongs to the consistent parameter set; the physical one has none.")
     parameters = parameters_of(model, parameter_set, None if prior is None else given_bodies(prior, robot))
+    parameters = with_found_rotors(parameters, model)
     refuse_inconsistent(parameters.physical, file=model.path, advice=_ADVICE if parameter_set == "physical" else "")
     notes = _notes(form, parameters, robot)
     if motor_inertia is not None:

@@ -20,6 +20,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from daemon.cli.simulation import motor_prior
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, InconsistentParametersError, ModelFileError
 from identification.estimators.observation import ReducedProblem
@@ -325,6 +326,22 @@ def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3:
         ("stribeck_friction", 1), ("torque_offset", 2),
     ]  # fmt: skip
     assert "stribeck_friction of joint 1" in (tmp_path / "arm.urdf").read_text()
+
+
+def test_a_rotor_inertia_that_a_diagnosis_found_is_in_the_file(tmp_path: Path, table3: PhysicalParameters) -> None:
+    """It was said to be there, and stood neither there nor in the file beside."""
+    found = {"effect": "rotor_inertia", "joint": 3, "link": None,
+             "model": {"other_joint": None, "coefficients": [1.7], "shape": {}}}  # fmt: skip
+    model = model_of(tmp_path, "iiwa14", consistent(table3), effects=[found])
+    path = tmp_path / "arm.xml"
+    result = export_model(model, path, "mjcf", parameter_set="physical")
+    assert mujoco.MjModel.from_xml_path(str(path)).dof_armature.tolist() == [0.0, 0.0, 1.7, 0.0, 0.0, 0.0, 0.0]
+    assert "Rotor inertia stands in armature." in result.notes
+    assert result.effects_path is None
+    assert motor_prior(model, "physical")[[1, 2]] == pytest.approx([4.4, 0.0])  # none is added to what is known
+    del found["model"]
+    with pytest.raises(ModelFileError, match="rotor_inertia is not complete"):
+        export_model(model_of(tmp_path, "iiwa14", consistent(table3), effects=[found]), path, "mjcf")
 
 
 @pytest.mark.parametrize("form", ["urdf", "sdf", "mjcf"])
