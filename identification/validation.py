@@ -27,7 +27,16 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.processed import ProcessedSignals
 
-__all__ = ["RmsRow", "RmsTable", "Split", "cross_validate", "measured_torque", "torque_left", "validate_model"]
+__all__ = [
+    "RmsRow",
+    "RmsTable",
+    "Split",
+    "as_fitted",
+    "cross_validate",
+    "measured_torque",
+    "torque_left",
+    "validate_model",
+]
 
 Progress = Callable[[str, float], None]
 
@@ -67,7 +76,7 @@ def validate_model(
     rows = []
     names, left_to = recording_names(recordings), recordings if left_to is None else left_to
     for recording, remaining, name in zip(recordings, left_to, names, strict=True):
-        settings = _as_fitted(noted, recording)
+        settings = as_fitted(noted, recording)
         stretches = process(recording, robot, settings).stretches
         torque = rms_of_rows(measured_torque(stretches, robot, shift))
         if remaining is not recording:
@@ -159,7 +168,7 @@ def cross_validate(
     return RmsTable((*lines, *together))
 
 
-def _as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:
+def as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:
     """The settings of a fit as far as they concern how a recording is processed.
 
     A recording without whole periods goes through the pipeline for such ones, whatever the fitted ones had.

@@ -156,7 +156,10 @@ def simulate(
 
         message(range_sentence(model.data["class_terms"]))
     settings = SimulationSettings(
-        motor_inertia=motors, motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)), offset=chosen.offset
+        motor_inertia=motors,
+        motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
+        offset=chosen.offset,
+        coulomb_velocity=model.options.coulomb_velocity,
     )
     comparison = _compare(model, motion, robot, chosen, law, settings, effects)
     if out is not None:
@@ -190,6 +193,7 @@ def _compare(
     from identification.excitation import default_trajectory, load_trajectory
     from identification.mismatch.prediction import torque_along, torque_along_recording
     from identification.simulation import compare_with_plan, compare_with_recording
+    from identification.validation import as_fitted
 
     terms = model.data.get("class_terms")
     regressor = BaseRegressor(robot, model.options) if effects or terms else None
@@ -198,7 +202,11 @@ def _compare(
         (recording,) = RecordedArm().load([motion], model_robot=robot).recordings
         if regressor is not None:
             extra = torque_along_recording(effects, regressor, model.base_values(regressor), recording, terms)
-        return compare_with_recording(recording, robot, parameters, law, settings, extra_torque=extra)
+        noted = model.data.get("provenance", {}).get("settings", {})
+        return compare_with_recording(
+            recording, robot, parameters, law, settings,
+            extra_torque=extra, fitted=as_fitted(noted, recording), torque_shift=model.torque_shift(robot.n),
+        )  # fmt: skip
     trajectory = default_trajectory(robot.name) if motion is None else load_trajectory(motion)
     if trajectory.joints != robot.n:
         raise typer.BadParameter(f"{motion} moves {trajectory.joints} joints, {robot.name} has {robot.n}.")

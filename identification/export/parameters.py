@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, direction_of
 from identification.errors import InconsistentParametersError, ModelFileError, SolverError
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
 from identification.model_file import Model
@@ -108,9 +108,10 @@ class ModelParameters:
         model.armature = self.rotor_inertia
         return model
 
-    def friction(self, velocity: FloatArray) -> FloatArray:
-        """F_v q̇ + F_s sign(q̇) of eq. (1), Nm, for velocities (..., n) rad/s."""
-        return np.asarray(self.physical.viscous * velocity + self.physical.coulomb * np.sign(velocity))
+    def friction(self, velocity: FloatArray, coulomb_velocity: float = 0.0) -> FloatArray:
+        """F_v q̇ + F_s sign(q̇) of eq. (1), Nm, for velocities (..., n) rad/s; coulomb_velocity v: F_s tanh(q̇/v)."""
+        direction = direction_of(velocity, coulomb_velocity)
+        return np.asarray(self.physical.viscous * velocity + self.physical.coulomb * direction)
 
 
 def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | None = None) -> ModelParameters:

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from identification.arrays import FloatArray
 from identification.excitation import Trajectory
 from identification.export.parameters import ModelParameters
+from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable
 from identification.fitting.settings import FitSettings
@@ -154,19 +155,25 @@ def compare_with_recording(
     settings: SimulationSettings,
     *,
     extra_torque: ExtraTorque | None = None,
+    fitted: FitSettings | None = None,
+    torque_shift: FloatArray | None = None,
 ) -> Comparison:
     """Simulate the commanded motion of a recording and compare with what was measured.
 
     A periodic recording: one period after 2 s of the end of the one before, against the mean period. Else: the
     longest stretch without a gap. A recording without commands is followed along its measured motion. duration_s,
-    lead_in_s and step_s of the settings are set here. Raises RecordingError as the fit does.
+    lead_in_s and step_s of the settings are set here. fitted: how the model's fit processed its recordings, sign of the
+    torque included. torque_shift: (n,) s by which it took the torque earlier. Raises RecordingError as the fit does.
     """
-    measured = _longest(process(recording, robot, FitSettings()).stretches)
+    fitted = FitSettings() if fitted is None else fitted
+    measured = _longest(process(recording, robot, fitted).stretches)
+    if torque_shift is not None and torque_shift.any():
+        measured = earlier(measured, torque_shift)
     sentences = []
     commanded = measured
     command = recording.command_position
     if command is not None and np.isfinite(command).all():
-        commanded = _longest(process(replace(recording, position=command), robot, FitSettings()).stretches)
+        commanded = _longest(process(replace(recording, position=command), robot, fitted).stretches)
         sentences.append("Followed: the recording's commanded motion.")
     if command is None or commanded.time.shape != measured.time.shape:
         commanded = measured
@@ -254,7 +261,8 @@ def inverse_dynamics(
     model.armature = np.zeros(robot.n) if shown is None else shown
     data = model.createData()
     rigid = np.array([pinocchio.rnea(model, data, *row) for row in zip(position, velocity, acceleration, strict=True)])
-    return np.asarray(rigid + parameters.friction(velocity) + parameters.offset, dtype=np.float64)
+    friction = parameters.friction(velocity, settings.coulomb_velocity)
+    return np.asarray(rigid + friction + parameters.offset, dtype=np.float64)
 
 
 def _longest(stretches: tuple[ProcessedSignals, ...]) -> ProcessedSignals:

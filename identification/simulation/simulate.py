@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.arrays import FloatArray
+from identification.base_parameters import direction_of
 from identification.errors import SimulationError
 from identification.export.parameters import ModelParameters, refuse_unmovable
 from identification.physical_parameters import PhysicalParameters
@@ -46,6 +47,8 @@ class SimulationSettings:
     motor_inertia_in_torque: whether the measured torque contains it (sensor at the motor) or not (behind the gear).
     duration_s: one length of the motion where None. lead_in_s: this long before, the arm already follows the motion, so
     that the controller's transient is over. step_s: of control and integration. offset: (n,) Nm, constant torque.
+    coulomb_velocity: rad/s (m/s) over which Coulomb friction turns over, 0: sign(q̇); so too where a step is too long
+    to follow the change.
     """
 
     motor_inertia: FloatArray | None = None
@@ -54,6 +57,7 @@ class SimulationSettings:
     lead_in_s: float = 0.0
     step_s: float = 0.001
     offset: FloatArray | None = None
+    coulomb_velocity: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +101,6 @@ def simulate(
     parameters = ModelParameters(physical, motor, offset)
     refuse_unmovable(parameters)
     model = parameters.pinocchio_model(robot)
-    arm = ArmDynamics(model, model.createData(), physical.viscous, physical.coulomb, _sum(extra_torque, offset))
     known, unseen = model.createData(), np.zeros(n) if chosen.motor_inertia_in_torque else motor
     duration = trajectory.period_s if chosen.duration_s is None else chosen.duration_s
     rows, lead = round(duration / chosen.step_s), round(chosen.lead_in_s / chosen.step_s)
@@ -106,6 +109,11 @@ def simulate(
     pieces = [trajectory.evaluate(piece) for piece in np.array_split(time, len(time) // _PIECE + 1)]
     references = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     state = State(float(time[0]), references[0][0].copy(), references[1][0].copy())
+    mobility = np.diag(pinocchio.computeMinverse(model, known, state.position))
+    gentle = (chosen.coulomb_velocity > 0.0) & (chosen.step_s * mobility * physical.coulomb <= chosen.coulomb_velocity)
+    dry, turning = np.where(gentle, 0.0, physical.coulomb), np.where(gentle, physical.coulomb, 0.0)
+    smooth = _sum(extra_torque, offset, turning, chosen.coulomb_velocity)
+    arm = ArmDynamics(model, model.createData(), physical.viscous, dry, smooth)
     series: FloatArray = np.empty((5, rows, n))
     for row, (q, dq, ddq) in enumerate(zip(*references, strict=True), start=-lead):
         torque = controller.torque(model, known, state, SetPoint(q, dq, ddq))
@@ -126,7 +134,13 @@ def simulate(
     return SimulationResult(time[lead:], references[0][lead:], *series)
 
 
-def _sum(extra: ExtraTorque | None, offset: FloatArray) -> ExtraTorque | None:
-    if not offset.any():
+def _sum(extra: ExtraTorque | None, offset: FloatArray, coulomb: FloatArray, width: float) -> ExtraTorque | None:
+    """All torque that is a smooth function of the state but for viscous friction, None for none."""
+    if not (offset.any() or coulomb.any()):
         return extra
-    return lambda state: offset if extra is None else offset + extra(state)
+
+    def torque(state: State) -> FloatArray:
+        own = offset + coulomb * direction_of(state.velocity, width)
+        return own if extra is None else own + extra(state)
+
+    return torque

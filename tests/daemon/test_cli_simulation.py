@@ -13,6 +13,7 @@ from identification.excitation import default_trajectory
 from identification.physical_parameters import PhysicalParameters
 from tests.daemon.command_line import run
 from tests.identification.exported import model_of, random_bodies
+from tests.reference import recording_file
 
 
 @pytest.fixture
@@ -95,6 +96,19 @@ def test_simulate_takes_a_table_with_torques_for_a_recording(good: Path, tmp_pat
     assert run("-q", "simulate", good, tmp_path / "log.npz", "--json", result) == 0
     labels = [row["label"] for row in json.loads(result.read_text())["torque_rms"]]
     assert "measured minus simulated" in labels
+
+
+def test_simulate_reads_a_recording_as_the_fit_did(tmp_path: Path) -> None:
+    """Of a model whose fit turned the torque, "measured minus inverse dynamics" was the torque twice."""
+    log, model, result = tmp_path / "turned.npz", tmp_path / "model.json", tmp_path / "result.json"
+    with np.load(recording_file("emps_a.npz")) as known:
+        np.savez(log, **{**known, "tau": -known["tau"]})
+    robot = recording_file("emps.urdf")
+    assert run("-q", "fit", log, "--robot", robot, "--flip-torque", "--out", model) == 0
+    assert run("-q", "simulate", model, log, "--json", result) == 0
+    left = {row["label"]: row["total_nm"] for row in json.loads(result.read_text())["torque_rms"]}
+    fitted = json.loads(model.read_text())["rms_nm"]["fit_physical"][0]
+    assert left["measured minus inverse dynamics"] == pytest.approx(fitted, rel=1e-3)
 
 
 def test_simulate_says_what_it_cannot_use(good: Path, tmp_path: Path) -> None:

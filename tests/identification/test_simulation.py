@@ -123,6 +123,23 @@ def test_viscous_friction_alone_brakes_exponentially() -> None:
     assert np.allclose(result.torque, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("width", [0.1, 1e-4])
+def test_friction_that_turns_over_gently_brakes_by_its_own_law(width: float) -> None:
+    """I q̈ = −F tanh(q̇/v): sinh(q̇/v) falls exponentially. A width that no step can follow is as sharp as sign(q̇)."""
+    robot, inertia, friction, speed = one_joint("0 0 1"), 0.5, 0.4, 0.37
+    physical = PhysicalParameters(
+        np.ones(1), np.zeros((1, 3)), inertia * np.eye(3)[None], np.zeros(1), np.array([friction])
+    )
+    start, settings = Start(np.zeros(1), np.array([speed])), SimulationSettings(coulomb_velocity=width)
+    result = simulate(robot, physical, start, ConstantTorque(), settings=settings)
+    if width < 1e-3:
+        sharp = simulate(robot, physical, start, ConstantTorque())
+        np.testing.assert_array_equal(result.velocity, sharp.velocity)
+        return
+    falling = np.sinh(speed / width) * np.exp(-friction / (inertia * width) * result.time)
+    np.testing.assert_allclose(result.velocity[:, 0], width * np.arcsinh(falling), rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["continuous", "prismatic"])
 def test_dry_friction_stops_a_joint_at_the_right_time_and_place_and_holds_it(kind: str) -> None:
     robot, inertia, friction, speed = one_joint("0 0 1" if kind == "continuous" else "1 0 0", kind), 0.5, 0.4, 0.37

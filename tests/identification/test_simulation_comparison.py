@@ -10,6 +10,7 @@ import pytest
 
 from identification.excitation import default_trajectory
 from identification.export.parameters import ModelParameters
+from identification.fitting.settings import FitSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import load_robot
@@ -59,6 +60,23 @@ def test_the_true_model_leaves_noise_and_the_loop_adds_what_friction_costs(
     inertia = MOTORS * (4.0 * np.pi) ** 2
     assert np.all(error < friction / inertia * 1.5)
     assert comparison.position_rms()["measured minus commanded"].max() < 1e-12
+
+
+def test_a_recording_is_read_as_the_fit_of_the_model_read_its_own(
+    recorded: tuple[Recording, ModelParameters],
+) -> None:
+    """Sign, delay and the width of friction were left out: a right model left twice the torque."""
+    recording, parameters = recorded
+    width, late = 0.15, 5
+    rate = np.gradient(recording.position, recording.sampling_period_s, axis=0)
+    gentler = parameters.physical.coulomb * (np.tanh(rate / width) - np.sign(rate))
+    given = replace(recording, torque=-np.roll(recording.torque + gentler, late, axis=0))
+    comparison = compare_with_recording(
+        given, load_robot("iiwa14"), parameters, ComputedTorque(2.0), replace(SETTINGS, coulomb_velocity=width),
+        fitted=FitSettings(flip_torque=True), torque_shift=np.full(7, late * recording.sampling_period_s),
+    )  # fmt: skip
+    left = comparison.torque_rms().row("measured minus inverse dynamics")
+    assert left.rms_nm == pytest.approx(NOISE / np.sqrt(2.0), rel=0.1)
 
 
 def test_an_effect_changes_the_motion_as_the_controller_lets_it_and_the_torque_alike(
