@@ -99,9 +99,11 @@ class ModelComparison:
         model, refitted, named = (
             float(np.sqrt(np.sum(values**2))) for values in (self.model_nm, self.missing_nm, self.findings_nm)
         )
+        # Where the model has what a fit of these recordings alone has not, what is named beside that fit leaves more.
+        beside = f", and {named:.3g} Nm with what is named beside them" if named <= refitted else ""
         parts = (
             f"{self.source} leaves {model:.3g} Nm RMS (all joints together); with its parameters fitted anew "
-            f"{refitted:.3g} Nm stay, and {named:.3g} Nm with what is named beside them. "
+            f"{refitted:.3g} Nm stay{beside}. "
         )
         if self.set_up:
             return in_units(f"{parts}{self.set_up}", self.torque_units)
@@ -134,8 +136,8 @@ class ModelComparison:
 def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str, FloatArray]:
     """Name and base parameters (p,) of a model.json or of a simulator's file.
 
-    Friction, rotor inertias and offsets that a model.json does not hold count as zero. Raises ModelFileError,
-    RobotError.
+    Friction, rotor inertias and offsets that a model.json does not hold count as zero; those that the regressor has not
+    are left out here (`prediction.rows_beside`). Raises ModelFileError, RobotError.
     """
     if isinstance(model, Path):
         return model.name, read_simulator_model(model, regressor)

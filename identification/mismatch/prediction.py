@@ -22,7 +22,7 @@ from identification.fitting.settings import Split
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
-from identification.mismatch.evidence import with_parameters
+from identification.mismatch.evidence import Evidence, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.settings import DiagnosisSettings
@@ -156,20 +156,32 @@ def rows_beside(
     settings: DiagnosisSettings,
     split: Split | None,
 ) -> FloatArray | None:
-    """(R, n) Nm, what a model file predicts beside its base parameters on the rows to fit; None: nothing.
+    """(R, n) Nm, what a model file predicts on the rows to fit beside its parameters of the regressor; None: nothing.
 
-    Raises as `left_to_parameters`.
+    That is its effects and classes, and what it has of drives, offsets or another width of friction that the regressor
+    has not. Raises as `left_to_parameters`.
     """
-    robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
-    if all(one is other for one, other in zip(left, recordings, strict=True)):
+    if isinstance(model, Path):
         return None
-    measured, stays = (
-        np.concatenate(
-            [part.torque for item in items for part in build_evidence(item, robot, regressor, settings, split)]
-        )
-        for items in (recordings, left)
+    robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
+    own = BaseRegressor(robot, model.options)
+    wider = not set(own.names) <= set(regressor.names) or own.options.coulomb_velocity != (
+        regressor.options.coulomb_velocity
     )
-    return np.asarray(measured - stays, dtype=np.float64)
+    if not wider and all(one is other for one, other in zip(left, recordings, strict=True)):
+        return None
+
+    def parts(items: Sequence[Recording], columns: BaseRegressor) -> list[Evidence]:
+        return [part for item in items for part in build_evidence(item, robot, columns, settings, split)]
+
+    measured = parts(recordings, regressor)
+    beside = np.concatenate([part.torque for part in measured])
+    beside = beside - np.concatenate([part.torque for part in parts(left, regressor)])
+    if wider:
+        known = baseline_values(model, regressor)[1]
+        beside += np.concatenate([part.nominal @ model.base_values(own) for part in parts(recordings, own)])
+        beside -= np.concatenate([part.nominal @ known for part in measured])
+    return np.asarray(beside, dtype=np.float64)
 
 
 def given_by(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import set_up_lines
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
 from identification.export.write import export_model
 from identification.interface import Answer
@@ -127,6 +127,22 @@ def test_a_model_is_compared_with_the_effects_that_it_holds(
     assert without.audit.verdict != "nothing"
     assert holding.audit is not None
     assert holding.audit.verdict == "nothing"
+
+
+def test_a_model_is_compared_with_the_offsets_that_a_fit_would_not_take(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """One joint alone has an offset, so a fit takes none; those of the model were dropped, and it was said to miss."""
+    recording = record(iiwa14, table3, lambda _q, dq, _torque: on_joint(3, np.full(len(dq), 0.6)))
+    base = BaseRegressor(iiwa14, RegressorOptions(offset=True))
+    values = base.base_from_physical(table3)
+    values[base.names.index("OFF_3")] = 0.6
+    given = replace(_model_of_base(base, values), std=np.full(base.size, 1e-4))
+    diagnosis = diagnose([recording], iiwa14, model=given)
+    compared = diagnosis.model_comparison
+    assert compared is not None
+    assert np.all(compared.model_nm < 1.1 * diagnosis.baseline.noise_floor_nm)
+    assert not any(item.wrong for item in (*compared.links, *compared.parameters))
 
 
 def test_a_model_that_was_fitted_to_the_recording_is_no_news_of_it(
