@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from identification.audit.audit import audit
 from identification.audit.difference import Audit
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
 from identification.json_values import plain
@@ -48,9 +48,21 @@ class Change:
         }
 
 
-def fitted_to(recording: Recording, robot: RobotModel) -> FitResult:
-    """The fit of one recording as it stands, without its physical sets."""
-    return fit_recordings([recording], robot, FitSettings(physical=False, check_torque_sign=False))
+def fitted_to(recording: Recording, robot: RobotModel, like: RegressorOptions | None = None) -> FitResult:
+    """The fit of one recording as it stands, without its physical sets.
+
+    like: of a model that its parameters are compared with, which mean the same only beside the same drives and the same
+    width of friction. Offsets are taken where that model or the recording asks for them.
+    """
+    settings = FitSettings(physical=False, check_torque_sign=False)
+    if like is not None:
+        settings = replace(
+            settings,
+            rotor_inertia="yes" if like.rotor_inertia else "no",
+            offset="yes" if like.offset else "auto",
+            coulomb_velocity=like.coulomb_velocity,
+        )
+    return fit_recordings([recording], robot, settings)
 
 
 def model_of(recording: Recording, robot: RobotModel) -> Model:
@@ -74,7 +86,7 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel, calle
     off the recording first: parameters are compared that explain the same torque.
     """
     (recording,) = left_to_parameters(model, [recording], robot)
-    fit = fitted_to(recording, robot)
+    fit = fitted_to(recording, robot, model.options)
     before = dict(zip(model.names, zip(model.values, _deviations(model, robot), strict=True), strict=True))
     units = dict(zip(fit.names, fit.regressor.units, strict=True))
     parameters = []

@@ -1,0 +1,49 @@
+"""Claims about the parameters of two recordings. Truth: Table 3 of the paper with drives that are known here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification.audit.between import changes_between, fitted_to, model_of_fit
+from identification.audit.trend import trend_of
+from identification.fitting.settings import FitSettings
+from identification.physical_parameters import PhysicalParameters
+from identification.recording_fit import fit_recordings
+from identification.recordings import Recording
+from identification.robots import RobotModel
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+
+WIDTH = 0.15
+ROTOR = np.array([4.0, 4.0, 2.0, 2.0, 1.0, 0.5, 0.5])
+
+
+def record(robot: RobotModel, plant: PhysicalParameters, seed: int, *, rotor: float = 0.0, gentle: bool = False,
+           periods: int = 1) -> Recording:  # fmt: skip
+    """A motion of its own for each seed, with white noise. rotor: times ROTOR. gentle: friction turns over by WIDTH."""
+    q, dq, ddq = fourier_motion(7, period_s=8.0, samples=1600, seed=seed, speed=0.4)
+    torque = inverse_dynamics(robot, plant, q, dq, ddq) + rotor * ROTOR * ddq
+    if gentle:
+        torque += plant.coulomb * (np.tanh(dq / WIDTH) - np.sign(dq))
+    torque = np.tile(torque, (periods, 1))
+    torque += np.random.default_rng(seed).normal(scale=0.02, size=torque.shape)
+    return recording_of(np.tile(q, (periods, 1)), torque, period_s=8.0, periods=periods)
+
+
+def test_parameters_are_compared_beside_the_same_drives(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """A fit of the second recording alone takes no rotor inertias for this arm: its links had them, by dozens of σ."""
+    first, second = (record(iiwa14, table3, seed, rotor=1.0) for seed in (1, 2))
+    settings = FitSettings(rotor_inertia="yes", physical=False)
+    model = model_of_fit(fit_recordings([first], iiwa14, settings), "first")
+    change = changes_between(model, second, iiwa14)
+    assert {"IA_3", "IA_7"} <= {item.name for item in change.parameters}
+    assert max(abs(item.sigmas) for item in change.parameters) < 5.0
+
+
+def test_friction_at_a_speed_is_what_has_turned_over_by_then(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    series = [record(iiwa14, table3, seed, gentle=True, periods=4) for seed in (1, 2, 3, 4)]
+    assert fitted_to(series[0], iiwa14).regressor.options.coulomb_velocity == pytest.approx(WIDTH, rel=0.2)
+    for joint in trend_of(series, iiwa14).joints:
+        own = joint.joint - 1
+        truth = table3.viscous[own] * joint.speed + table3.coulomb[own] * np.tanh(joint.speed / WIDTH)
+        assert joint.friction == pytest.approx(truth, abs=4.0 * joint.std.max())
