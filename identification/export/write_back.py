@@ -7,7 +7,7 @@ file (`amend`) and what is foretold (`audit.foretold`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.difference import Difference
 from identification.audit.foretold import foretold, lacking_friction
-from identification.audit.rows import rows_of
+from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor
 from identification.export.amend import Amended, amend
 from identification.recordings.recording import Recording
@@ -36,7 +36,10 @@ _MOST_POINTS = 1500
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WrittenBack:
-    """amended: the file. measured, before, after: (R, n) Nm on rows `spacing_s` apart; used: (R, n). units: (n,)."""
+    """amended: the file. measured, before, after: (R, n) Nm on rows `spacing_s` apart; used: (R, n). units: (n,).
+
+    put_right: whether signs, scales or the delay of the measured torque were.
+    """
 
     amended: Amended
     source: str
@@ -46,6 +49,7 @@ class WrittenBack:
     used: npt.NDArray[np.bool_]
     spacing_s: float
     units: tuple[str, ...]
+    put_right: bool
 
     def rms(self, torque: FloatArray) -> FloatArray:
         """(n,) of measured minus foretold, over the rows in which each joint moves."""
@@ -59,7 +63,8 @@ class WrittenBack:
         unit = in_units("Nm", self.units)
         return (
             f"{self.amended.path} has what was found: {before:.3g} {unit} RMS (all joints together) of measured minus "
-            f"simulated torque before, {after:.3g} {unit} after."
+            f"simulated torque before, {after:.3g} {unit} after"
+            + (", with what is wrong in the measured one put right." if self.put_right else ".")
         )
 
 
@@ -72,7 +77,8 @@ def write_back(
     Raises the errors of `amend`.
     """
     regressor = BaseRegressor(robot)
-    rows = rows_of(recordings)
+    given = rows_of(recordings)
+    rows = _put_right(given, differences)
     geometry = Geometry(robot, rows)
     amended = amend(source, differences, robot, target)
     before, after = (read_simulator_model(source, regressor), _values(amended, source, differences, robot, regressor))
@@ -90,7 +96,25 @@ def write_back(
     return WrittenBack(
         amended, source.name, rows.torque, foretold(geometry, regressor, before),
         foretold(geometry, regressor, after, amended.gravity), rows.used, rows.spacing_s, robot.units,
+        rows is not given,
     )  # fmt: skip
+
+
+def _put_right(rows: Rows, differences: Sequence[Difference]) -> Rows:
+    """The rows with delay, signs and scales of the torque as they were found to be: no file has a place for these, and
+    friction is read off the torque. The rows themselves where nothing of that was found.
+    """
+    delay_s, scale = 0.0, np.ones(rows.torque.shape[1])
+    for item in differences:
+        if item.effect == "inverted_torque_sign":
+            scale[[joint - 1 for joint in item.joints]] *= -1.0
+        elif item.effect == "torque_sensor_gain" and item.numbers[0].interval[0] > 0.0:
+            scale[slice(None) if item.joint is None else item.joint - 1] /= item.numbers[0].value
+        elif item.effect == "torque_delay":
+            delay_s += item.numbers[0].value
+    if delay_s == 0.0 and np.all(scale == 1.0):
+        return rows
+    return replace(rows, torque=scale * rows.torque_after(delay_s)[0])
 
 
 def _values(

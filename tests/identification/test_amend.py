@@ -16,15 +16,18 @@ import pinocchio
 import pytest
 
 from identification.audit.difference import Difference, Number
+from identification.audit.sentences import turned_signs
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
 from identification.export.amend import amend
 from identification.export.amended_files import Changes, write_sdf_changes
 from identification.export.write import export_model
+from identification.export.write_back import write_back
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
 MASS_KG, CENTER_M = 1.5, np.array([0.06, 0.03, 0.1])
 MORE_VISCOUS, MORE_COULOMB = 0.3, 0.2
@@ -226,3 +229,29 @@ def test_drake_holds_an_sdf_that_leans_with_the_torque_of_two_links_by_hand(stat
         plant.SetPositions(context, q)
         held = -plant.CalcGravityGeneralizedForces(context)
         np.testing.assert_allclose(held, planar_torque(q, back @ GRAVITY), atol=1e-6)
+
+
+def test_friction_is_read_off_the_torque_as_it_was_found_to_be(tmp_path: Path, physical: PhysicalParameters) -> None:
+    """Off a turned torque none was read, and off one of another scale too much, with an offset to be applied."""
+    bare = PhysicalParameters(physical.mass, physical.center_of_mass, physical.inertia, np.zeros(7), np.zeros(7))
+    source, target = tmp_path / "bare.urdf", tmp_path / "found.urdf"
+    export_model(model_of(tmp_path, "iiwa14", bare), source, "urdf", parameter_set="physical")
+    robot = load_robot("iiwa14")
+    motion = fourier_motion(7, period_s=10.0, samples=2000, seed=5, speed=0.8)
+    scale = np.array([1.0, -1.0, 1.0, 1.3, 1.0, 1.0, 1.0])
+    torque = np.roll(scale * inverse_dynamics(robot, physical, *motion), 4, axis=0)
+    recording = recording_of(motion[0], torque, period_s=10.0)
+    differences = [
+        turned_signs(scale, 0.9, 100.0, "bare.urdf"),
+        Difference("torque_sensor_gain", 4, None, (number("gain", 1.3),), 0.9, 100.0, "model", "A scale."),
+        Difference("torque_delay", None, None, (number("delay", 0.02),), 0.9, 100.0, "model", "Late."),
+    ]
+    written = write_back([recording], robot, source, differences, target)
+    assert written.rms(written.after).max() < 0.05
+    assert written.sentence.endswith("with what is wrong in the measured one put right.")
+    root = ElementTree.parse(target).getroot()
+    for joint in (1, 3):
+        found = root.find(f"joint[@name='A{joint + 1}']/dynamics")
+        assert float(found.get("friction")) == pytest.approx(physical.coulomb[joint], rel=0.05)
+        assert float(found.get("damping")) == pytest.approx(physical.viscous[joint], rel=0.05)
+    assert not [said for said in written.amended.left if "constant torque" in said]
