@@ -49,13 +49,14 @@ class Model:
     data: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def load_robot(self) -> RobotModel:
-        """The robot the model is of, installed as it was. A path is taken as it is, then relative to the model file.
+        """The robot the model is of, installed as it was. A path is taken relative to the model file, then as it is.
 
         Raises RobotError, and ModelFileError where its frames are no more what they were when the model was fitted.
         """
         installation = Installation.from_json(self.data.get("installation"))
-        beside = self.robot not in BUILT_IN_ROBOTS and self.path and not Path(self.robot).is_file()
-        robot = load_robot(Path(self.path).parent / self.robot if beside else self.robot, installation)
+        beside = Path(self.path).parent / self.robot
+        found = self.robot not in BUILT_IN_ROBOTS and self.path and (beside.is_file() or not Path(self.robot).is_file())
+        robot = load_robot(beside if found else self.robot, installation)
         self._refuse_other_frames(robot)
         return robot
 
@@ -161,9 +162,12 @@ def no_check(name: str) -> str:
 def write_model(data: dict[str, Any], path: str | Path) -> Path:
     """Write the JSON of `FitResult.to_model_json` and return its path; an existing file is replaced in one step.
 
-    Raises ModelFileError if a number is not finite (JSON knows none), OSError if the file cannot be written.
+    A robot that is a file is named as it is found from there, so that both can be moved together. Raises ModelFileError
+    if a number is not finite (JSON knows none), OSError if the file cannot be written.
     """
-    path = Path(path)
+    path, robot = Path(path), data.get("robot")
+    if robot not in BUILT_IN_ROBOTS and robot is not None and Path(robot).is_file():
+        data = {**data, "robot": os.path.relpath(Path(robot).resolve(), path.parent.resolve())}
     try:
         text = json.dumps(data, indent=1, allow_nan=False)
     except ValueError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,6 +64,7 @@ def fit(
     Example: iiwa-ident fit runs/first/recording.mcap --out model.json
     """
     from identification.errors import EstimationError
+    from identification.model_file import write_model
     from identification.recording_fit import FitSettings, fit_recordings
     from identification.recordings.reader import recording_file
 
@@ -99,7 +99,7 @@ def fit(
     if left_out is not None:
         model["left_out"] = left_out.to_json()
     target = out or recording_file(logs[0]).with_name("model.json")
-    in_its_folder(target).write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_model(model, in_its_folder(target))
     if report is not None:
         from identification.report import write_report
 

@@ -5,7 +5,6 @@ Here: what one job does, and where jobs run. A file that fails does not stop the
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
@@ -69,6 +68,7 @@ def run_item(
         from daemon.jobs.diagnosis import diagnose_recordings
         from identification.audit.mount import require_stated_stand
         from identification.json_values import json_list
+        from identification.model_file import write_model
         from identification.recording_fit import fit_recordings
         from identification.recordings.reader import read_inputs
         from identification.report import write_report
@@ -93,7 +93,7 @@ def run_item(
             )  # fmt: skip
         result = fit_recordings([recording], inputs.robot)
         model, target, page = result.to_model_json(), out / "model.json", out / "report.html"
-        target.write_text(json.dumps(model, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_model(model, target)
         write_report(page, fit=result, model=model)
         rms, (sentence, tone) = result.rms.rows[0], fit_verdict(model)
         return BatchItem(

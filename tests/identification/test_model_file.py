@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from identification.model_file import read_model, write_model
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.robots import load_robot
 from identification.validation import validate_model
+from tests.identification.exported import model_of, random_arm, random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of, table_three
 
 CONTRACT_KEYS = {
@@ -221,3 +222,18 @@ def test_a_width_of_friction_that_is_no_number_is_refused(result: FitResult, tmp
     data["provenance"]["regressor"] = {"coulomb_velocity": -0.01}
     with pytest.raises(ModelFileError, match="coulomb_velocity"):
         read_model(write_model(data, tmp_path / "model.json"))
+
+
+def test_a_model_finds_its_robot_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It named the URDF as the shell did that fitted it, and was lost in any other folder."""
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "arms" / "arm.urdf").write_text(random_arm(3, 1))
+    (tmp_path / "fits").mkdir()
+    monkeypatch.chdir(tmp_path / "arms")
+    written = model_of(tmp_path / "fits", "arm.urdf", random_bodies(3, 2))
+    assert written.data["robot"] == "../arms/arm.urdf"
+    (tmp_path / "arms" / "fits").mkdir()
+    monkeypatch.chdir(tmp_path / "arms" / "fits")
+    assert read_model(tmp_path / "fits" / "model.json").load_robot().n == 3
+    old = replace(written, robot="../arm.urdf")  # as earlier versions wrote it, from another folder
+    assert old.load_robot().n == 3
