@@ -126,9 +126,9 @@ class BaseRegressor:
         """Column of a parameter; `ZZ_7` and `ZZR_7` are the same. Raises KeyError for a name this robot has not."""
         if name in self.names:
             return self.names.index(name)
-        plain = [_plain(own) for own in self.names]
-        if _plain(name) in plain:
-            return plain.index(_plain(name))
+        plain = [plain_name(own) for own in self.names]
+        if plain_name(name) in plain:
+            return plain.index(plain_name(name))
         raise KeyError(f"{self.robot.name} has no base parameter {name}; it has {', '.join(self.names)}")
 
     def matrix(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -222,7 +222,7 @@ class BaseRegressor:
         return units[self.options.symbols[entry - _INERTIAL_COUNT]]
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """The name without the mark of a regrouped parameter."""
     return re.sub(r"^(M|MX|MY|MZ|XX|XY|XZ|YY|YZ|ZZ|FV|FS|IA|OFF)R_", r"\1_", name)
 

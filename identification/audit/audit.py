@@ -23,13 +23,13 @@ from identification.audit.rows import REPEATED, rows_of
 from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
-from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel, refuse_followers
-from identification.robots.simulator_models import read_simulator_model
+from identification.robots.simulator_models import read_with_drives
 
 ENOUGH = 0.7
 """Of what all parameters fitted anew explain: below it a name is not all."""
@@ -124,8 +124,11 @@ def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
 
 def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> _Given:
     refuse_followers(robot, "compare a model with")
-    options = model.options if isinstance(model, Model) else RegressorOptions()
-    regressor = BaseRegressor(robot, options)
+    if isinstance(model, Path):
+        regressor, values = read_with_drives(model, robot)
+    else:
+        regressor = BaseRegressor(robot, model.options)
+    options = regressor.options
     if isinstance(model, Model) and set(model.names) != set(regressor.names):
         # Another stand shows other parameters: those of the model are of the stand that it was made on.
         its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
@@ -135,7 +138,7 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
     if isinstance(model, Model):
         given = given_model(model, regressor, sizes, called or Path(model.path or "the model").name)
     else:
-        given = given_model(read_simulator_model(model, regressor), regressor, sizes, called or model.name)
+        given = given_model(values, regressor, sizes, called or model.name)
     return _Given(
         given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s)
     )

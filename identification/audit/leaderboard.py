@@ -33,7 +33,7 @@ from identification.model_file import Model, no_check, read_model
 from identification.recordings.independence import names_apart, refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
-from identification.robots.simulator_models import read_simulator_model
+from identification.robots.simulator_models import read_with_drives
 from identification.signals.processed import ProcessedSignals
 from identification.validation import measured_torque, torque_left
 
@@ -129,8 +129,8 @@ def _standing(path: Path, name: str, recordings: Sequence[Recording], robot: Rob
 
 def _of_simulator(path: Path, robot: RobotModel) -> Model:
     """What a simulator's file predicts, as a model without deviations."""
-    regressor, nothing = BaseRegressor(robot), np.zeros(robot.n)
-    values = read_simulator_model(path, regressor)
+    nothing = np.zeros(robot.n)
+    regressor, values = read_with_drives(path, robot)
     return Model(
         robot.spec, regressor.names, values, np.zeros_like(values), regressor.units, None, nothing, nothing,
         regressor.options, str(path),

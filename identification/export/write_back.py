@@ -20,7 +20,7 @@ from identification.audit.columns import Geometry
 from identification.audit.difference import Difference
 from identification.audit.foretold import foretold, lacking_friction
 from identification.audit.rows import Rows, rows_of
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.export.amend import Amended, amend
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -76,7 +76,7 @@ def write_back(
     A file's friction is a guess more often than not: what the rows lack of it after everything else is written too.
     Raises the errors of `amend`.
     """
-    regressor = BaseRegressor(robot)
+    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
     given = rows_of(recordings)
     rows = _put_right(given, differences)
     geometry = Geometry(robot, rows)

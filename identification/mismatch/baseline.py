@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, plain_name
 from identification.json_values import json_list, number, plain
 from identification.mismatch.evidence import Evidence, fit_parameters
 from identification.mismatch.heldout import Residuals
@@ -24,7 +24,7 @@ from identification.mismatch.search.extension import Extension
 from identification.mismatch.settings import CLEARLY, UNLIKELY
 from identification.model_file import Model, no_check
 from identification.robots.joint_units import in_units
-from identification.robots.simulator_models import read_simulator_model
+from identification.robots.simulator_models import read_with_drives
 
 DRIVES = ("FV_", "FS_", "IA_", "OFF_")
 
@@ -140,15 +140,19 @@ def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str,
     are left out here (`prediction.rows_beside`). Raises ModelFileError, RobotError.
     """
     if isinstance(model, Path):
-        return model.name, read_simulator_model(model, regressor)
-    known = dict(zip(model.names, model.values, strict=True))
-    missing = [name for name in regressor.names if name not in known and not name.startswith(DRIVES)]
+        own, values = read_with_drives(model, regressor.robot)
+        known = dict(zip(map(plain_name, own.names), values, strict=True))
+        return model.name, np.array([known.get(plain_name(name), 0.0) for name in regressor.names])
+    known = dict(zip(map(plain_name, model.names), model.values, strict=True))
+    missing = [name for name in regressor.names if plain_name(name) not in known and not name.startswith(DRIVES)]
     if missing:
         absent = ", ".join(missing[:6])
         raise model.error(
             f"its base parameters are not those of {regressor.robot.name}; missing: {absent}", "base_parameters"
         )
-    return Path(model.path or "model").name, np.array([known.get(name, 0.0) for name in regressor.names])
+    return Path(model.path or "model").name, np.array(
+        [known.get(plain_name(name), 0.0) for name in regressor.names]
+    )
 
 
 def compare_model(

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, plain_name
 from identification.errors import ModelFileError, RecordingError
 from identification.fitting.band import within_rate
 from identification.fitting.settings import Split
@@ -30,6 +30,7 @@ from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import Installation, RobotModel
+from identification.robots.simulator_models import read_with_drives
 from identification.validation import RmsTable, validate_model
 
 EffectJson = Mapping[str, Any]
@@ -161,11 +162,14 @@ def rows_beside(
     That is its effects and classes, and what it has of drives, offsets or another width of friction that the regressor
     has not. Raises as `left_to_parameters`.
     """
-    if isinstance(model, Path):
-        return None
     robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
-    own = BaseRegressor(robot, model.options)
-    wider = not set(own.names) <= set(regressor.names) or own.options.coulomb_velocity != (
+    if isinstance(model, Path):
+        own, values = read_with_drives(model, robot)
+    else:
+        own = BaseRegressor(robot, model.options)
+        values = model.base_values(own)
+    names = set(map(plain_name, regressor.names))
+    wider = not names.issuperset(map(plain_name, own.names)) or own.options.coulomb_velocity != (
         regressor.options.coulomb_velocity
     )
     if not wider and all(one is other for one, other in zip(left, recordings, strict=True)):
@@ -179,7 +183,7 @@ def rows_beside(
     beside = beside - np.concatenate([part.torque for part in parts(left, regressor)])
     if wider:
         known = baseline_values(model, regressor)[1]
-        beside += np.concatenate([part.nominal @ model.base_values(own) for part in parts(recordings, own)])
+        beside += np.concatenate([part.nominal @ values for part in parts(recordings, own)])
         beside -= np.concatenate([part.nominal @ known for part in measured])
     return np.asarray(beside, dtype=np.float64)
 

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import RobotModel
 from identification.robots.urdf_parser import parsed_urdf
@@ -62,6 +62,21 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
             joint=joint + 1,
         )
     return np.asarray(values, dtype=np.float64)
+
+
+def read_with_drives(path: str | Path, robot: RobotModel) -> tuple[BaseRegressor, FloatArray]:
+    """A regressor that can have the torque of a simulator model, with rotor inertias where the file's joints have some
+    (`armature`), and its base parameters (p,). Raises as `read_simulator_model`.
+    """
+    regressor = BaseRegressor(robot)
+    try:
+        return regressor, read_simulator_model(path, regressor)
+    except RobotError as refusal:
+        regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
+        try:
+            return regressor, read_simulator_model(path, regressor)
+        except RobotError:
+            raise refusal from None
 
 
 def _inverse_dynamics(path: Path, robot: RobotModel) -> InverseDynamics:

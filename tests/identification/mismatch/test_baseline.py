@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import set_up_lines
+from identification.audit.leaderboard import leaderboard
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError, RobotNotFoundError
 from identification.export.write import export_model
+from identification.export.write_back import write_back
 from identification.interface import Answer
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.diagnosis import diagnose
@@ -25,6 +27,7 @@ from identification.robots import RobotModel
 from identification.robots.simulator_models import read_simulator_model
 from tests.identification.exported import consistent, model_of
 from tests.identification.mismatch.plant import on_joint, record
+from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
 
 def _model_of_base(iiwa14_base: BaseRegressor, values: np.ndarray) -> Model:
@@ -143,6 +146,29 @@ def test_a_model_is_compared_with_the_offsets_that_a_fit_would_not_take(
     assert compared is not None
     assert np.all(compared.model_nm < 1.1 * diagnosis.baseline.noise_floor_nm)
     assert not any(item.wrong for item in (*compared.links, *compared.parameters))
+
+
+def test_a_simulators_file_with_rotor_inertias_is_read_with_them(
+    tmp_path: Path, iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """Every MJCF of a motor-side arm has `armature`: it was called another arm, of other axes, lengths or gravity."""
+    rotor = np.array([0.4, 0.4, 0.2, 0.2, 0.1, 0.05, 0.05])
+    file, links = tmp_path / "arm.xml", consistent(table3)
+    export_model(model_of(tmp_path, "iiwa14", links, rotor=rotor), file, "mjcf", parameter_set="physical")
+    q, dq, ddq = fourier_motion(7, period_s=8.0, samples=1600, seed=3)
+    torque = np.tile(inverse_dynamics(iiwa14, links, q, dq, ddq) + rotor * ddq, (4, 1))
+    torque += np.random.default_rng(3).normal(scale=0.05, size=torque.shape)
+    recording = recording_of(np.tile(q, (4, 1)), torque, period_s=8.0, periods=4)
+    (standing,) = leaderboard([file], [recording], iiwa14)
+    assert standing.rms is not None, standing.refusal
+    assert standing.rms.rms_nm.max() < 0.1
+    assert standing.audit is not None
+    assert standing.audit.verdict == "nothing"
+    compared = diagnose([recording], iiwa14, model=file).model_comparison
+    assert compared is not None
+    assert compared.model_nm.max() < 0.05
+    written = write_back([recording], iiwa14, file, [], tmp_path / "found.xml")
+    assert written.rms(written.after).max() < 0.1
 
 
 def test_a_model_that_was_fitted_to_the_recording_is_no_news_of_it(
