@@ -13,8 +13,9 @@ import pinocchio
 
 from identification.export.arm import Arm, Body, joint_placement
 from identification.export.parameters import ModelParameters
-from identification.export.xml_text import DRAKE, INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
+from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
+from identification.robots.urdf_parser import DRAKE
 
 _WORLD = "world"
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from identification.export.arm import attachments, joint_placement, origin
 from identification.export.parameters import ModelParameters
-from identification.export.xml_text import DRAKE, INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
+from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
+from identification.robots.urdf_parser import DRAKE
 
 
 def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelParameters) -> ElementTree.Element:

@@ -9,9 +9,7 @@ import numpy as np
 import pinocchio
 
 from identification.arrays import FloatArray
-
-DRAKE = "http://drake.mit.edu"
-"""Name space of the elements that only Drake reads."""
+from identification.robots.urdf_parser import DRAKE
 
 INERTIA_SYMBOLS = ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz"))
 """Row, column and name of a tensor's entries, in URDF and SDF alike."""

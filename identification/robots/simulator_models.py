@@ -21,7 +21,7 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import RobotModel
-from identification.robots.urdf_parser import parsed_urdf
+from identification.robots.urdf_parser import DRAKE, parsed_urdf
 
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(q, q̇, q̈), each (n,) → torque (n,) Nm."""
@@ -128,8 +128,28 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
         for key in ("damping", "friction")
     )
 
+    rotors = _drake_rotors(root)
+    rotor = np.array([rotors.get(names[place], 0.0) for place in _chosen(path, names, robot)])
     rigid = pinocchio_torque(model, order)
-    return lambda q, dq, ddq: np.asarray(rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq), dtype=np.float64)
+    return lambda q, dq, ddq: np.asarray(
+        rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq) + rotor * ddq, dtype=np.float64
+    )
+
+
+def _drake_rotors(root: ElementTree.Element) -> dict[str, float]:
+    """Rotor inertia of a URDF's joints as seen there, kg m² (kg): by Drake's tags, as URDF has none of its own."""
+    found = {}
+    for transmission in root.findall("transmission"):
+        joint, actuator = transmission.find("joint"), transmission.find("actuator")
+        if joint is not None and actuator is not None:
+            stated = {
+                tag: element.get("value", "0")
+                for tag in ("rotor_inertia", "gear_ratio")
+                if (element := actuator.find(f"{{{DRAKE}}}{tag}")) is not None
+            }
+            gear = float(stated.get("gear_ratio", 1.0))
+            found[joint.get("name", "")] = float(stated.get("rotor_inertia", 0.0)) * gear**2
+    return found
 
 
 def pinocchio_torque(model: pinocchio.Model, order: Sequence[int]) -> InverseDynamics:

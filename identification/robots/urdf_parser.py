@@ -12,6 +12,8 @@ from typing import BinaryIO
 
 import pinocchio
 
+DRAKE = "http://drake.mit.edu"
+"""Name space of the elements that only Drake reads."""
 STANDARD_ERROR = 2
 MOST_COMPLAINTS = 2
 """The first say what is wrong and where; those after them that the whole cannot be read."""

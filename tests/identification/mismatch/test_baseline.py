@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,8 +24,8 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recordings.reader import Inputs
 from identification.report.comparison_section import comparison_section
 from identification.report.document import Paragraph
-from identification.robots import RobotModel
-from identification.robots.simulator_models import read_simulator_model
+from identification.robots import RobotModel, load_robot
+from identification.robots.simulator_models import read_simulator_model, read_with_drives
 from tests.identification.exported import consistent, model_of
 from tests.identification.mismatch.plant import on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
@@ -48,6 +49,20 @@ def test_a_simulator_s_file_has_the_base_parameters_it_was_written_from(
     export_model(model_of(tmp_path, "iiwa14", consistent(table3)), file, form, parameter_set="physical")
     expected = iiwa14_base.base_from_physical(consistent(table3))
     assert np.allclose(read_simulator_model(file, iiwa14_base), expected, atol=1e-6)
+
+
+def test_rotor_inertias_of_a_urdf_are_read_from_drakes_tags(tmp_path: Path, table3: PhysicalParameters) -> None:
+    """Where export puts them: read without them, the arm was said to carry a load."""
+    rotor = np.array([0.4, 0.4, 0.2, 0.2, 0.1, 0.05, 0.05])
+    file = tmp_path / "arm.urdf"
+    export_model(model_of(tmp_path, "iiwa14", consistent(table3), rotor=rotor), file, "urdf", parameter_set="physical")
+    for geared in (False, True):
+        if geared:  # the same, as a motor behind a gear has it
+            text = file.read_text().replace('gear_ratio value="1.0"', 'gear_ratio value="100.0"')
+            file.write_text(re.sub(r'(rotor_inertia value=")([^"]+)', lambda m: f"{m[1]}{float(m[2]) / 1e4!r}", text))
+        base, values = read_with_drives(file, load_robot("iiwa14"))
+        found = [values[base.names.index(f"IA_{joint}")] for joint in range(3, 8)]
+        assert found == pytest.approx(rotor[2:], rel=1e-6)
 
 
 def test_a_file_that_moves_otherwise_is_refused_with_the_joint(
