@@ -41,6 +41,7 @@ from daemon.log.cdr import (
 )
 from daemon.log.chunk_index import pack_chunk_indexes_of
 from daemon.log.stream import PatientFile
+from fri_client.handover.motion_phase import MotionPhase
 from fri_client.messages import CommandMessage, MonitoringMessage
 
 CHUNK_BYTES = 512 * 1024
@@ -82,7 +83,8 @@ def _quality_of_service(*, latched: bool) -> str:
 class LogWriter:
     """Writes one log file; every method may raise LogIOError, and may then be called again.
 
-    metadata: the record `iiwa_ident`, written with the first sample, when the send period is known, or at the end.
+    metadata: the record `iiwa_ident`, written with the first sample, when the send period is known, or at the end; once
+    more for each other send period before the motion. The last one counts.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class LogWriter:
         pack_chunk_indexes_of(self._writer)
         self._metadata = dict(metadata)
         self._metadata_written = False
+        self._send_period_ms: int | None = None
         self._finished = False
         self._clock_offset_ns: int | None = None
         self._previous_position: Sequence[float] | None = None
@@ -145,7 +148,7 @@ class LogWriter:
             mapped = robot_time + self._clock_offset_ns
             if abs(mapped - log_time) < _PLAUSIBLE_DEVIATION_NS:
                 publish_time = mapped
-        if not self._metadata_written:
+        if not self._metadata_written or self._is_another_period(message, labels):
             self._write_metadata(message)
         sequence = message.header.sequence_counter
         add = self._writer.add_message
@@ -235,9 +238,16 @@ class LogWriter:
             raise BadLogError(str(self._path), f"{self.samples} samples were written, {counted} are in the file.")
         return counted
 
+    def _is_another_period(self, message: MonitoringMessage, labels: SampleLabels) -> bool:
+        """Whether the robot has begun its session anew with another send period, which the motion will have."""
+        connection = message.connection_info
+        stated = None if connection is None else connection.send_period
+        return labels.motion_phase == MotionPhase.WAITING and stated not in (None, 0, self._send_period_ms)
+
     def _write_metadata(self, message: MonitoringMessage | None) -> None:
         connection = None if message is None else message.connection_info
         if connection is not None and connection.send_period:
+            self._send_period_ms = connection.send_period
             self._metadata["send_period_ms"] = str(connection.send_period)
             period_s = float(self._metadata.get("period_s") or 0.0)
             self._metadata["samples_per_period"] = str(round(period_s * 1000.0 / connection.send_period))

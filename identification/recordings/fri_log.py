@@ -49,12 +49,12 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     states, left_out = _usable(_states(path, bag), findings)
     table = {name: states[name].astype(np.float64, copy=False) for name in _VECTORS}
     label = {name: states[name].astype(np.int64) for name in _NUMBERS}
-    stated = states["send_period_ms"][states["send_period_ms"] > 0]
-    send_period_ms = int(stated[0]) if stated.size else 0
+    stated_ms = states["send_period_ms"].astype(np.int64)
+    send_period_ms = np.where(stated_ms > 0, stated_ms, 1)
     if not label["sequence_counter"].size:
         raise RecordingError.named(path, f"{FRI_STATE_TOPIC} holds no usable sample")
     clock = label["robot_time_sec"] * 10**9 + label["robot_time_nanosec"] if states["robot_time_valid"].all() else None
-    steps = _counted(label["sequence_counter"], clock, send_period_ms or 1, findings)
+    steps = _counted(label["sequence_counter"], clock, send_period_ms[1:], findings)
     _note_lost(label["sequence_counter"], steps, left_out, findings)
     metadata = bag.metadata
     # KUKA measures the torque against the sign of the inverse dynamics; external torque is not turned.
@@ -67,7 +67,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     result = RawTable(
         path=path,
         kind="log",
-        time=_robot_time(clock, steps, send_period_ms or 1, findings),
+        time=_robot_time(clock, steps, send_period_ms[1:], findings),
         position=table["measured_joint_position"],
         torque=sign * table["measured_torque"],
         optional={name: values for name, values in optional.items() if not np.isnan(values).all()},
@@ -79,12 +79,15 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     period, sample = label["period"], label["sample_in_period"]
     labelled = (label["motion_phase"] == EXCITATION_PHASE) & (period >= 0) & (sample >= 0)
     if labelled.any():
+        # The robot may have begun the session anew, with another period, before the motion: what the rows say counts.
+        send_period_s = 1e-3 * float(np.median(send_period_ms[labelled]))
         per_period = number_in(metadata, "samples_per_period")
+        if (period_s := number_in(metadata, "period_s")) and stated_ms[labelled].any():
+            per_period = round(period_s / send_period_s)
         result.samples_per_period = int(per_period) if per_period else int(sample[labelled].max()) + 1
         result.period_index = np.where(labelled, period, -1)
         result.sample_in_period = np.where(labelled, sample, -1)
-        send_period_s = 1e-3 * (send_period_ms or 1)
-        result.period_s = number_in(metadata, "period_s") or result.samples_per_period * send_period_s
+        result.period_s = period_s or result.samples_per_period * send_period_s
     return result
 
 
@@ -140,7 +143,7 @@ def installation_in(path: Path, metadata: dict[str, str]) -> Installation:
         raise RecordingError.named(path, f"its installation is no JSON ({error})") from error
 
 
-def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: int, findings: list[Finding]) -> IntArray:
+def _counted(counters: IntArray, clock: IntArray | None, send_period_ms: IntArray, findings: list[Finding]) -> IntArray:
     """(N - 1,) how many messages of the robot lie between one row and the next, by a counter that wraps at 2³².
 
     One that goes back, or so far ahead that the robot's clock (ns) contradicts it, was begun anew: nobody knows what
@@ -179,7 +182,9 @@ def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings
         findings.append(Finding("lost_samples", places[0] + 1, places[-1] + 2, missing, sentence))
 
 
-def _robot_time(clock: IntArray | None, steps: IntArray, send_period_ms: int, findings: list[Finding]) -> FloatArray:
+def _robot_time(
+    clock: IntArray | None, steps: IntArray, send_period_ms: IntArray, findings: list[Finding]
+) -> FloatArray:
     """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period."""
     if clock is not None and np.all(np.diff(clock) > 0):
         return np.asarray((clock - clock[0]) * 1e-9, dtype=np.float64)
@@ -187,4 +192,4 @@ def _robot_time(clock: IntArray | None, steps: IntArray, send_period_ms: int, fi
         "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period"
     )
     findings.append(Finding.of_all("no_robot_clock", len(steps) + 1, sentence))
-    return np.asarray(np.concatenate([[0], np.cumsum(steps)]) * 1e-3 * send_period_ms, dtype=np.float64)
+    return np.asarray(np.concatenate([[0], np.cumsum(steps * send_period_ms)]) * 1e-3, dtype=np.float64)

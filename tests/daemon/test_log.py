@@ -24,6 +24,7 @@ from daemon.log.writer import Attachment, LogWriter
 from fri_client.messages import (
     CommandData,
     CommandMessage,
+    ConnectionInfo,
     MessageHeader,
     MonitorData,
     MonitoringMessage,
@@ -185,6 +186,20 @@ def test_a_robot_clock_gone_mad_does_not_break_the_log(tmp_path: Path) -> None:
         )
         writer.write_sample(message, None, LABELS)
     assert writer.finish({}) == 4
+
+
+def test_the_send_period_in_the_metadata_is_that_of_the_motion(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path / "a.mcap", metadata={"period_s": "2.0"})
+    for counter, (period_ms, phase) in enumerate([(5, 0), (5, 0), (1, 0), (1, 1), (1, 3), (5, 6)]):
+        message = MonitoringMessage(
+            MessageHeader(0x245142, counter, 0), connection_info=ConnectionInfo(4, 3, period_ms)
+        )
+        writer.write_sample(message, None, LABELS._replace(motion_phase=phase))
+    writer.finish({})
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        noted = [each.metadata for each in make_reader(stream).iter_metadata() if each.name == "iiwa_ident"]
+    assert [each["send_period_ms"] for each in noted] == ["5", "1"]
+    assert noted[-1]["samples_per_period"] == "2000"
 
 
 def test_a_refused_flush_leaves_a_whole_file_and_forgets_nothing(tmp_path: Path, monkeypatch: Any) -> None:

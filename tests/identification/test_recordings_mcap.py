@@ -196,6 +196,26 @@ def test_a_log_without_metadata_still_knows_its_periods(tmp_path: Path) -> None:
     assert recording.period_s == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(("earlier_ms", "noted"), [(5, "40"), (2, "100")])
+@pytest.mark.parametrize("clock", [True, False])
+def test_a_session_of_another_send_period_before_the_motion_changes_no_period(
+    tmp_path: Path, earlier_ms: int, noted: str, clock: bool
+) -> None:
+    states = [{**state, "robot_time_valid": clock} for state in _states()]
+    first = states[0]["robot_time_sec"] * 10**9
+    for row, state in enumerate(states[:100]):
+        stamp = first - (100 - row) * earlier_ms * STEP_NS
+        state |= {"send_period_ms": earlier_ms, "robot_time_sec": stamp // 10**9, "robot_time_nanosec": stamp % 10**9}
+    for row, state in enumerate(states[100:]):
+        stamp = first + row * STEP_NS
+        state |= {"robot_time_sec": stamp // 10**9, "robot_time_nanosec": stamp % 10**9}
+    log = _write_log(tmp_path / "run.mcap", states, {**METADATA, "samples_per_period": noted})
+    recording = read_recording(log)
+    assert (recording.period_s, recording.samples_per_period, recording.complete_periods) == (0.2, 200, 4)
+    np.testing.assert_allclose(np.diff(recording.time[100:]), 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(np.diff(recording.time[:100]), earlier_ms * 1e-3, rtol=1e-6)
+
+
 @pytest.mark.parametrize("share", [0.9, 0.6])
 def test_a_log_that_breaks_off_gives_its_complete_chunks(tmp_path: Path, share: float) -> None:
     whole = _write_log(tmp_path / "run.mcap", _states(), METADATA)
