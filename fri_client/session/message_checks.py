@@ -41,9 +41,22 @@ def changed(now: int | None, then: int | None) -> bool:
     return now is not None and then is not None and now != then
 
 
+def send_period(info: ConnectionInfo) -> int:
+    """Time from one message to the next, ms; 0 where the robot does not say."""
+    return info.send_period or 0
+
+
 def command_period(info: ConnectionInfo) -> int:
     """Time from one command to the next, ms; 0 where the robot does not say."""
-    return (info.send_period or 0) * (info.receive_multiplier or 1)
+    return send_period(info) * (info.receive_multiplier or 1)
+
+
+def changed_period(now: ConnectionInfo, then: ConnectionInfo) -> tuple[int, int] | None:
+    """The send period now and then, ms, where it changed, else the command period where that did, else None."""
+    for period in (send_period, command_period):
+        if period(now) != period(then):
+            return period(now), period(then)
+    return None
 
 
 def joint_not_driven(robot: RobotInfo) -> int:

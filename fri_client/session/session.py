@@ -43,7 +43,7 @@ from fri_client.messages import (
 from fri_client.session.message_checks import (
     NamedArrays,
     changed,
-    command_period,
+    changed_period,
     is_good,
     joint_not_driven,
     positions,
@@ -375,8 +375,8 @@ class Session:
             self._latch(DropReason.COMMAND_MODE, state, mode, self._command_mode)
         elif changed(now.control_mode, then.control_mode):
             self._latch(DropReason.CONTROL_MODE, state, now.control_mode, then.control_mode)
-        elif begin is not None and command_period(info) != command_period(begin):
-            self._latch(DropReason.PERIOD_CHANGE, state, command_period(info), command_period(begin))
+        elif begin is not None and (periods := changed_period(info, begin)) is not None:
+            self._latch(DropReason.PERIOD_CHANGE, state, *periods)
 
     def _latch(self, reason: DropReason, state: int, value: float | None, limit: float | None, joint: int = 0) -> None:
         if not self._begun or self.drop is not None:

@@ -45,7 +45,7 @@ class SessionDrop:
     since the motion began; recent: the link in the last second, where somebody watched it. value and limit by reason:
     state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1)
     and ACTIVE; mode now and mode at the start; counter and the counter expected; silence in s and the time-out in s;
-    command period in ms now and before.
+    send period in ms now and before, or where that stayed the command period.
     """
 
     reason: DropReason
@@ -92,7 +92,7 @@ class SessionDrop:
             case DropReason.SILENCE:
                 what = f"no usable message came for {value:.3g} s (time-out {limit:g} s)"
             case DropReason.PERIOD_CHANGE:
-                what = f"the command period changed from {limit:g} ms to {value:g} ms"
+                what = f"the robot's period changed from {limit:g} ms to {value:g} ms"
         tail = "; ".join(part for part in (states, self.recent.clause() if self.recent is not None else "") if part)
         tail = f" ({tail})" if tail else ""
         when = f"at cycle {self.cycle}, {self.motion_s:.2f} s into the motion"

@@ -71,7 +71,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         ("operation_mode", 1, "operation mode changed from AUTOMATIC_MODE to TEST_MODE_2"),
         ("control_mode", 2, "control mode changed from POSITION to JOINT_IMPEDANCE"),
         ("command_mode", 3, "client command mode changed from POSITION to TORQUE"),
-        ("send_period", 2, "command period changed from 1 ms to 2 ms"),
+        ("send_period", 2, "period changed from 1 ms to 2 ms"),
     ):
         yield FaultCase(kind.replace("_", "-"), f"the {kind.replace('_', ' ')} changes", "ramp", "dropped", 1, (words,),
                         faults=(fault(kind, cycles=3000, level=level),))  # fmt: skip

@@ -239,10 +239,23 @@ DROPS = [
     ({"control": 2}, DropReason.CONTROL_MODE, "from POSITION to JOINT_IMPEDANCE"),
     ({"operation": 0}, DropReason.OPERATION_MODE, "from AUTOMATIC_MODE to TEST_MODE_1"),
     ({"period": 2}, DropReason.PERIOD_CHANGE, "from 1 ms to 2 ms"),
+    ({"multiplier": 3}, DropReason.PERIOD_CHANGE, "from 1 ms to 3 ms"),
     ({"safety": 1, "state": READY, "quality": 0}, DropReason.SAFETY_STOP, "SAFETY_STOP"),
     ({"drives": (0,) * 7, "state": IDLE}, DropReason.SESSION_CLOSED, "closed the session"),
     ({"drives": (0,) * 7, "state": READY, "quality": 2}, DropReason.LEFT_COMMANDING_ACTIVE, "at quality GOOD"),
 ]
+
+
+def test_another_send_period_with_the_same_time_between_commands_is_another_period() -> None:
+    """Twice as long from message to message and every one answered: the labels of the samples would be wrong."""
+    session = Session()
+    for k in range(4):
+        session.judge(message(k, multiplier=2), later(k))
+    session.begin_motion(message(3, multiplier=2))
+    session.judge(message(4, period=2, multiplier=1), later(4))
+    assert session.drop is not None
+    assert session.drop.reason == DropReason.PERIOD_CHANGE
+    assert "from 1 ms to 2 ms" in session.drop.sentence()
 
 
 @pytest.mark.parametrize(("changes", "reason", "words"), DROPS)
