@@ -245,6 +245,8 @@ class Session:
             return f"the session is in {name_of(SessionState, self.state)}, not in COMMANDING_ACTIVE"
         if not is_good(self.quality):
             return f"the connection quality is {name_of(ConnectionQuality, self.quality)}, below GOOD"
+        if not self.send_period_ms:
+            return "the robot does not say its send period"
         mode = (message.ipo_data or _NO_IPO).client_command_mode
         if mode is not None and mode != ClientCommandMode.POSITION:
             return f"the client command mode is {name_of(ClientCommandMode, mode)}, not POSITION"

@@ -301,6 +301,7 @@ def test_without_a_motion_nothing_latches() -> None:
     [
         ({"state": READY}, "MONITORING_READY"),
         ({"quality": 1}, "FAIR"),
+        ({"period": None}, "does not say its send period"),
         ({"mode": 3}, "TORQUE"),
         ({"safety": 2}, "SAFETY_STOP_LEVEL_1"),
         ({"drives": (2, 0, 2, 2, 2, 2, 2)}, "joint 2"),
