@@ -203,7 +203,7 @@ class Pilot:
                 return False
             self.hindrance = (
                 session.obstacle(message) or self._wrong_mode(message) or self._peer.doubt
-                or self._ipo.clause() or self._far_from_ipo(measured, ipo)
+                or self._unwatched(message) or self._ipo.clause() or self._far_from_ipo(measured, ipo)
             )  # fmt: skip
             if not self.hindrance and not (guard.anchored and guard.repeats(ipo, STILL_RAD)):
                 self.hindrance = "the robot's own position (IPO) was not mirrored yet"
@@ -247,6 +247,16 @@ class Pilot:
             return ""
         return (
             f"the first run of a motion on an arm is driven in T1, and the robot is in {name_of(OperationMode, mode)}"
+        )
+
+    def _unwatched(self, message: MonitoringMessage) -> str:
+        """A limit on external torque protects nothing where the robot sends none."""
+        monitor = message.monitor_data
+        if not self.motion.watches_external_torque or monitor is None or monitor.external_torque is not None:
+            return ""
+        return (
+            "the robot sends no external torque, which is to be watched; without a watch a configuration says "
+            "external_torque_limit: null"
         )
 
     def _far_from_ipo(self, measured: Sequence[float], ipo: Sequence[float]) -> str:

@@ -123,6 +123,11 @@ class MotionProgram:
         return _START_RAMP <= self.phase <= _STOP_RAMP
 
     @property
+    def watches_external_torque(self) -> bool:
+        """Whether external torque beyond a limit stops it."""
+        return self._external_torque_limit is not None
+
+    @property
     def stop_reason(self) -> StopReason | None:
         """Why the motion was stopped, None where it was not, or came to its end."""
         return self._stop.reason

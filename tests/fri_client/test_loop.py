@@ -122,6 +122,19 @@ def test_an_internal_error_stops_the_arm_by_ramp_and_is_reported_as_a_fault() ->
     robot.assert_gentle()
 
 
+@pytest.mark.parametrize(("limit", "begins"), [((30.0,) * 7, False), (None, True)])
+def test_where_external_torque_is_watched_a_robot_that_sends_none_is_not_moved(
+    limit: tuple[float, ...] | None, begins: bool
+) -> None:
+    settings = LoopSettings(command_timeout_s=0.4)
+    with running(settings=settings, external_torque_limit=limit) as (client, robot):
+        robot.to_active()
+        robot.until_done(client, external=None)
+        result = client.finish()
+    assert (result.outcome == "completed") is begins
+    assert ("sends no external torque" in result.sentence) is not begins
+
+
 def test_an_arm_far_from_its_ipo_position_is_not_moved() -> None:
     with running(settings=LoopSettings(command_timeout_s=0.4)) as (client, robot):
         robot.exchange(WAIT)
