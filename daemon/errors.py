@@ -24,6 +24,7 @@ import math
 EXIT_INTERNAL = 70
 EXIT_INPUT_OUTPUT = 74
 EXIT_MISSING_INPUT = 66
+EXIT_CONFIGURATION = 78
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -33,11 +34,17 @@ def exit_code_of(error: BaseException) -> int:
         return code
     if isinstance(error, FileNotFoundError):
         return EXIT_MISSING_INPUT
+    if isinstance(error, UnicodeEncodeError):
+        return EXIT_CONFIGURATION
     return EXIT_INPUT_OUTPUT if isinstance(error, OSError) else EXIT_INTERNAL
 
 
 def sentence_of(error: Exception) -> str:
     """What an error says to an operator; one of the operating system names its file and gives no number."""
+    if isinstance(error, UnicodeEncodeError):
+        # The only such text are names of files as Linux has them; results name files in JSON, which is UTF-8.
+        around = error.object[max(0, error.start - 60) : error.end + 20]
+        return f"'{around}' is no UTF-8 text, and no result can name it: give that file or folder another name."
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}." if error.filename is not None else f"{error.strerror}."
     return str(error) or type(error).__name__

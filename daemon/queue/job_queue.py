@@ -35,9 +35,12 @@ class JobQueue:
     """All jobs of one service, and what becomes of them."""
 
     def __init__(self, config: DaemonConfig, tell: Callable[[str], None]) -> None:
-        """Read what an earlier service left. Raises LogIOError."""
+        """Read what an earlier service left. Raises LogIOError, and UnicodeEncodeError for a folder that no job and no
+        answer to a client could name.
+        """
         self._config = config
         self._output = Path(config.output).absolute()
+        str(self._output).encode()
         self.store = JobStore(self._output / f"jobs-{config.fri.bind_port}")
         self._hold_when_checked: set[str] = set()
         for sentence in self.store.unreadable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,25 @@ def test_a_folder_that_cannot_be_is_said_before_anything_begins(
     assert capsys.readouterr().err == f"iiwa-ident: {place}: Not a directory.\n"
     assert (tmp_path / "file").read_text() == "kept"
     assert {file.name for file in tmp_path.iterdir()} == {"file"}
+
+
+@pytest.mark.parametrize("command", ["run", "daemon"])
+def test_a_folder_whose_name_is_no_text_is_said_before_anything_begins(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Linux takes any bytes for a name; run.json, jobs and answers to clients are UTF-8 and could not name it."""
+    odd = tmp_path / os.fsdecode(b"caf\xe9")
+    odd.mkdir()
+    monkeypatch.chdir(odd)
+    port = free_udp_port()
+    (tmp_path / "service.yaml").write_text(json.dumps({"fri": {"bind_port": port}}))
+    words = {
+        "run": ["--start-timeout", "0.1", "--bind", f"127.0.0.1:{port}"],
+        "daemon": ["--config", str(tmp_path / "service.yaml")],
+    }[command]
+    assert run(command, *words) == 78
+    assert "is no UTF-8 text" in capsys.readouterr().err
+    assert not list(odd.rglob("*"))
 
 
 def test_a_folder_that_is_not_there_yet_is_made_for_the_result(tmp_path: Path) -> None:
