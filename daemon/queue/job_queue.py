@@ -211,6 +211,8 @@ class JobQueue:
             raise RefusedRequestError("no_such_job", f"There is no job {job_id} here.", 66)
         if job.phase not in ("checking", "queued", "held"):
             way = "`iiwa-ident stop` ends a motion" if job.phase in ("preparing", "running") else "it has ended"
+            if job.kind == "fit" and job.phase == "running":
+                way = "it moves nothing and ends by itself"
             if job.thinking:
                 way = "it weighs what was recorded and moves nothing; once it asks for a motion, `cancel` ends it"
             raise RefusedRequestError("not_waiting", f"Job {job_id} is {job.phase} and cannot be cancelled: {way}.", 1)

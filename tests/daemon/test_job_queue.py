@@ -188,6 +188,17 @@ def test_a_verdict_on_a_job_cancelled_meanwhile_changes_nothing(tmp_path: Path) 
     assert phases(jobs)[job_id] == "cancelled"
 
 
+def test_who_wants_to_cancel_a_fit_is_not_sent_to_stop_the_arm(tmp_path: Path) -> None:
+    jobs = queue_in(tmp_path)
+    job_id = submitted(jobs)
+    jobs.queue_fit(job_id)
+    jobs.fit_started(f"{job_id}-fit", 1)
+    with pytest.raises(RefusedRequestError) as caught:
+        jobs.cancel(f"{job_id}-fit")
+    assert "moves nothing" in str(caught.value)
+    assert "stop" not in str(caught.value)
+
+
 @pytest.mark.parametrize("phase", ["preparing", "running", "done", "refused"])
 def test_only_what_waits_can_be_cancelled(tmp_path: Path, phase: JobPhase) -> None:
     jobs = queue_in(tmp_path)
