@@ -165,7 +165,7 @@ def run(
     from daemon.motion.preparation import prepare_motion, write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
-    from daemon.run.folder import kept_once_begun, make_room
+    from daemon.run.folder import keep_inputs, kept_once_begun, make_room
     from daemon.run.service import run_acquisition
     from daemon.runtime_folder import lock_folder
     from daemon.times import new_job_id
@@ -214,6 +214,7 @@ def run(
     )
     viewers = live.server()
     out = Path(lab.output) / run_id if out is None else out
+    keep_inputs(out, trajectory, cell, model)
     context.with_resource(lock_folder(out))
     if monitor_only:
         make_room(out)

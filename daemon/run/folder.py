@@ -27,6 +27,8 @@ from identification.robots import BUILT_IN_ROBOTS, load_robot
 
 _BEFORE_MOTION = ("no_robot", "not_started", "version_mismatch", "port_in_use", "refused")
 _AT_REST = ("WAITING", "LATCHED", "DONE")
+_WRITTEN = ("trajectory.json", "workspace.yaml", "model.json")
+"""Files of a run that an operator may have under the same names; model.json is the fit's."""
 _RESULTS = (REPORT_NAME, LAST_SAMPLES_NAME, RUN_NAME)
 
 
@@ -113,6 +115,16 @@ def make_room(folder: Path) -> None:
     for name in (RECORDING_NAME, RUN_NAME):
         if (folder / name).exists():
             raise ConfigurationError(f"{folder} holds a run already ({name}); choose another folder.", field="out_dir")
+
+
+def keep_inputs(folder: Path, *inputs: Path | None) -> None:
+    """Raise ConfigurationError where the run would write over a file that it is given: a cell would lose its tool."""
+    own = {(folder / name).resolve() for name in _WRITTEN}
+    for file in inputs:
+        if file is not None and file.resolve() in own:
+            raise ConfigurationError(
+                f"the run would write its own {file.name} over it; choose another folder with --out.", file=str(file)
+            )
 
 
 def nothing_moved(outcome: RunOutcome) -> bool:

@@ -95,3 +95,23 @@ def test_the_inputs_of_an_earlier_run_are_not_written_over_by_one_that_is_refuse
     assert run("run", "--amplitude", "0.1", "--out", tmp_path / "run") == 78
     assert (tmp_path / "run" / "table.npy").read_text() == "an input"
     assert not (tmp_path / "run" / "trajectory.json").exists()
+
+
+@pytest.mark.parametrize("by", ["name", "link"])
+@pytest.mark.parametrize(
+    ("option", "name"), [("--workspace", "workspace.yaml"), ("--model", "model.json"), (None, "trajectory.json")]
+)
+def test_a_run_does_not_write_over_a_file_that_it_is_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str | None, name: str, by: str
+) -> None:
+    """A workspace file came back without its tool after `--tool none`, and the next run knew of none."""
+    folder, mine = tmp_path / "run", tmp_path / "mine"
+    folder.mkdir()
+    given = folder / name if by == "name" else mine
+    given.write_text("margins: {workspace_m: 0.05}")
+    if by == "link":
+        (folder / name).symlink_to(mine)
+    words = [given] if option is None else [option, given]
+    assert run("run", *words, "--tool", "none", "--out", folder, "--bind", "127.0.0.1:0") == 78
+    assert "write its own" in capsys.readouterr().err
+    assert given.read_text() == "margins: {workspace_m: 0.05}"
