@@ -18,13 +18,16 @@ from itertools import pairwise
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_observation import LinkObservation, Mirror
 from daemon.doctor.load_check import check_load_at_rest
-from fri_client.messages import ConnectionQuality, SessionState, name_or_number
+from fri_client.handover.ring import Disposition
+from fri_client.messages import ConnectionQuality, MonitoringMessage, SessionState, name_or_number
+from fri_client.session.refusal import Refusal, refusal_sentence
+from fri_client.session.session import Session
 from fri_client.wire.version_guess import VersionGuess, guess_version
 
 STALE_S = 0.5
 """No send period is longer than 0.1 s; a last message older than this means that the sender stopped."""
 FEWEST_TO_GRADE = 10
-_LOAD_MESSAGES = 500
+_NEWEST = 500
 _STOPPED_REMEDY = (
     "find out why the robot stopped sending: its application has ended, which it also does where it wants to command "
     "and nobody answers; for this test it should stay in monitoring."
@@ -63,9 +66,29 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
     ]
     if observation.mirror is not None:
         checks.append(_answers(observation.mirror))
-    newest = (guess_version(each).message for _, _, each in observation.datagrams[-_LOAD_MESSAGES:])
-    load = check_load_at_rest([message for message in newest if message is not None])
-    return checks if load is None else [*checks, load]
+    usable, trouble = _usable(observation)
+    load = check_load_at_rest(usable)
+    return [*checks, *(check for check in (trouble, load) if check is not None)]
+
+
+def _usable(observation: LinkObservation) -> tuple[list[MonitoringMessage], DoctorCheck | None]:
+    """Of the newest messages those that a run would use, and what is wrong with others; None where nothing is."""
+    session, usable = Session(), []
+    known, refused, why = 0, 0, ""
+    for arrival, _, datagram in observation.datagrams[-_NEWEST:]:
+        message = guess_version(datagram).message
+        if message is None:
+            continue
+        known += 1
+        if session.judge(message, round(arrival * 1e9)) != Disposition.REFUSED or session.refusal == Refusal.COUNTER:
+            usable.append(message)
+            continue
+        refused += 1
+        why = refusal_sentence(session.refusal or 0, session.refusal_joint, session.refusal_value)
+    if not refused:
+        return usable, None
+    sentence = f"{refused} of the newest {known} messages cannot be used: {why}."
+    return usable, DoctorCheck("messages", "failed", sentence, "look at the cabinet; a run uses no such message.")
 
 
 def _silence(observation: LinkObservation, host: str, port: int) -> DoctorCheck:

@@ -6,6 +6,7 @@ Truth: the versions and counters that the golden datagrams were recorded with; l
 from __future__ import annotations
 
 import json
+import math
 import socket
 import threading
 from pathlib import Path
@@ -113,6 +114,21 @@ def test_two_senders_and_a_sender_that_stopped_are_told() -> None:
     stopped = LinkObservation(steady.datagrams, 3.0)
     assert "2.98 s ago" in verdict(stopped, "robot").sentence
     assert verdict(stopped, "robot").status == "warning"
+
+
+@pytest.mark.parametrize(("value", "words"), [(math.nan, "is nan, which is impossible"), (50.0, "is 50, which is")])
+def test_messages_that_a_run_would_refuse_are_told_and_say_nothing_of_a_load(value: float, words: str) -> None:
+    """NaN is no position, and 50 rad are eight turns of a joint; whoever asks the doctor why no run begins hears it."""
+    producer = Producer(None)  # type: ignore[arg-type]
+    bad = tuple((0.001 * k, SENDER, producer.monitoring(k, value)) for k in range(40))
+    found = {check.name: check for check in check_link(LinkObservation(bad, 0.041), "127.0.0.1", 1)}
+    assert found["messages"].status == "failed"
+    assert f"40 of the newest 40 messages cannot be used: the measured joint position of joint 1 {words}" in (
+        found["messages"].sentence
+    )
+    assert "load data" not in found
+    good = link(list(range(40)), [0.001 * k for k in range(40)])
+    assert "messages" not in {check.name for check in check_link(good, "127.0.0.1", 1)}
 
 
 def test_other_programs_datagrams_are_not_taken_for_a_robot() -> None:
