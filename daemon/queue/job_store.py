@@ -73,6 +73,11 @@ class Job(Message, frozen=True, kw_only=True):
     number: int = 0
     asks: str = ""
 
+    def __post_init__(self) -> None:
+        """Raise ValueError, which a reader of its file says, for an investigation that knows no next step."""
+        if self.kind == "investigation" and self.order is None:
+            raise ValueError("An investigation needs an order")
+
     def view(self) -> JobView:
         """What clients see of it."""
         run = self.kind == "run"

@@ -243,6 +243,21 @@ def test_a_job_file_that_cannot_be_read_is_named_and_the_others_are_kept(tmp_pat
     assert bad in told[0]
 
 
+def test_the_file_of_an_investigation_without_an_order_is_left_out(tmp_path: Path) -> None:
+    """A file that is JSON and lacks what the step needs ended the service at each of its starts."""
+    jobs = queue_in(tmp_path)
+    good = submitted(jobs)
+    jobs.store.flush()
+    whole = (jobs.store.folder_of(good) / "job.json").read_text()
+    file = jobs.store.folder / "odd" / "job.json"
+    file.parent.mkdir()
+    file.write_text(whole.replace(good, "odd").replace('"kind": "run"', '"kind": "investigation"'))
+    told: list[str] = []
+    again = JobQueue(DaemonConfig(output=str(tmp_path)), told.append)
+    assert set(phases(again)) == {good}
+    assert str(file) in told[0]
+
+
 def test_a_disk_that_refuses_is_said_to_the_submitter_and_nothing_is_queued(tmp_path: Path) -> None:
     jobs = queue_in(tmp_path)
     jobs.store.folder.rmdir()
