@@ -129,7 +129,8 @@ def explain(
     if refused is not None:
         return LoopResult(outcome, type(refused).__name__, str(refused))
     if reason is not None:
-        after = f"The arm was stopped by ramp{_how(motion)}." if motion.commanded else "Nothing had moved."
+        waited = f"Nothing had moved: {hindrance}." if hindrance else "Nothing had moved."
+        after = f"The arm was stopped by ramp{_how(motion)}." if motion.commanded else waited
         if settings.monitor_only:
             after = "No motion was commanded."
         return LoopResult(

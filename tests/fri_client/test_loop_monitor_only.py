@@ -89,3 +89,16 @@ def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outco
         result = client.finish()
     assert result.outcome == outcome, result.sentence
     assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")
+
+
+def test_who_ends_the_wait_for_a_motion_is_told_what_it_waited_for() -> None:
+    with running(settings=LoopSettings(test_mode_only=True)) as (client, robot):
+        robot.exchange(WAIT, 3)
+        robot.exchange(COMMANDING_WAIT, 5)
+        robot.exchange(ACTIVE, 30)
+        client.ring.request_stop(EventCode.OPERATOR_STOP)
+        robot.send(ACTIVE)
+        result = client.finish()
+    assert result.outcome == "stopped"
+    assert "Nothing had moved: the first run" in result.sentence
+    assert "the robot is in AUTOMATIC_MODE" in result.sentence
