@@ -118,7 +118,8 @@ class Investigation:
         return self.account
 
     def resume(self, *, after_drop: bool = False, acted: Action | None = None) -> None:
-        """Stand where a person may be asked again. Raises ConfigurationError after a drop that nobody released.
+        """Stand where a person may be asked again. Raises ConfigurationError after a drop that nobody released, and for
+        an action that nothing asks for: its motion would count as one of the arm as it was.
 
         acted: what the operator did to the arm since.
 
@@ -144,6 +145,13 @@ class Investigation:
             elif state is State.SETTLED and self.account.wanted:
                 self._keep(state=after(state, Event.RESUMED))
             return
+        if acted not in (None, Action.ADD_MASS, self.account.doing):
+            raise ConfigurationError(
+                f"it is {state.value.replace('_', ' ')}, and nothing asks for `--done {acted}` now: what was done to "
+                "the arm counts where the investigation needs an action or is settled. Once the arm is as it was, give "
+                "the command without it.",
+                file=str(self._folder),
+            )
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
         self._keep(state=after(state, event))
 

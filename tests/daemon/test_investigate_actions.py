@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from daemon.errors import ConfigurationError
 from daemon.investigate import loop as loop_module
 from daemon.investigate import steps as steps_module
 from daemon.investigate.account import Motion, Recorded
@@ -90,6 +91,19 @@ def test_an_offset_asks_for_a_warm_arm_and_is_settled_by_it(tmp_path: Path, monk
     assert driver.driven == 1
     assert done.actions == ()
     assert "It was the sensor." in write_story(tmp_path, done).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("state", [State.DECLINED, State.OUT_OF_BUDGET, State.INTERRUPTED, State.PLANNED])
+def test_an_action_that_nothing_asks_for_is_not_passed_over(tmp_path: Path, state: State) -> None:
+    """The tool was turned, the word for it ignored, and the next motion counted as one of the arm as it was."""
+    account = begun(tmp_path, state=state)
+    again = investigation(tmp_path, account, ScriptedDriver())
+    with pytest.raises(ConfigurationError, match="nothing asks for `--done turn_tool`"):
+        again.resume(acted=Action.TURN_TOOL)
+    assert again.account.state is state
+    doing = investigation(tmp_path, msgspec.structs.replace(account, doing=Action.TURN_TOOL), ScriptedDriver())
+    doing.resume(acted=Action.TURN_TOOL)
+    assert doing.account.doing is Action.TURN_TOOL
 
 
 def test_a_second_warm_up_is_judged_with_the_first_and_uses_the_time(
