@@ -91,6 +91,8 @@ def investigate(
     stand = installation_of(gravity, mount, None)
     context.with_resource(lock_folder(out))
     account, resumed = _account_in(out, given or [], robot, None if budget is None else 60.0 * budget, seed)
+    if done is not None and not resumed:
+        raise typer.BadParameter("--done answers what an investigation asked for, and this one only begins.")
     account = _in_its_cell(out, account, workspace, tool, stand)
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))

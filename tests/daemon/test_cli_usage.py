@@ -43,6 +43,7 @@ RECORDING = str(Path(__file__).parents[2] / "fixtures/recordings/ur10.npz")
         ["run", "--no-confirm", "--start-timeout", "inf"],
         ["run", "--no-confirm", "--heldout", "nowhere.mcap"],
         ["investigate", "--budget", "4", "--fri-version", "9", "--out", "question"],
+        ["investigate", "--budget", "4", "--done", "turn_tool", "--plan-only", "--out", "question"],
     ],
     ids=" ".join,
 )
