@@ -23,6 +23,7 @@ from types import FrameType
 
 from daemon.api import RunEvent
 from daemon.config import DaemonConfig
+from daemon.errors import sentence_of
 from daemon.host import own_version
 from daemon.queue import control_api as api
 from daemon.queue.control_api import RefusedRequestError
@@ -254,7 +255,7 @@ class Service:
             case Stored():
                 if posted.error is not None:
                     self._jobs.store.forget(posted.job_id)
-                    text = f"The job could not be stored: {posted.error.strerror}; it is not in the queue."
+                    text = f"The job could not be stored and is not in the queue: {sentence_of(posted.error)}"
                     self._socket.reply(posted.address, api.ErrorReply(code="not_stored", sentence=text, exit_code=74))
                     return
                 job = self._jobs.store.jobs[posted.job_id]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socket
 import threading
@@ -256,6 +257,18 @@ def test_a_file_that_is_no_trajectory_costs_one_job_and_nothing_else(
     assert job.phase == "refused"
     assert job.exit_code in (1, 65)
     assert "Traceback" not in job.sentence
+
+
+def test_a_folder_of_jobs_that_vanished_is_named(tmp_path: Path) -> None:
+    """The sentence had no file in it, and the service took nothing more until somebody guessed which one."""
+    with service(tmp_path) as running:
+        folder = running.output / f"jobs-{running.port}"
+        shutil.rmtree(running.output)
+        with pytest.raises(RefusedRequestError, match=str(folder)) as caught:
+            running.ask(SubmitRun())
+        assert caught.value.exit_code == 74
+        folder.mkdir(parents=True)
+        assert isinstance(running.ask(SubmitRun()), Submitted)
 
 
 def test_where_an_arm_may_move_nothing_is_queued_or_released_without_confirmation(tmp_path: Path) -> None:
