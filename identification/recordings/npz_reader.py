@@ -60,16 +60,7 @@ def read_npz(path: Path) -> list[RawTable]:
         held = zipfile.ZipFile(path).namelist()
     except RecordingError:
         raise
-    except (
-        ValueError,
-        OSError,
-        MemoryError,
-        EOFError,
-        zlib.error,
-        zipfile.BadZipFile,
-        KeyError,
-        NotImplementedError,
-    ) as error:
+    except (*BROKEN_ARCHIVE, MemoryError) as error:
         raise RecordingError.named(path, f"cannot be read as .npz ({reason_of(error)})") from error
     for name in ("t", "q", "tau"):
         if name not in fields:
