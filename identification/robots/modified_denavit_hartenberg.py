@@ -144,21 +144,12 @@ def _read_row(row: dict[str, str], joint: int, source: str) -> _Row:
     theta_offset, theta_variable = _split_variable(row["theta"], "theta", joint, source)
     rl_offset, rl_variable = _split_variable(row["rl_m"], "rl_m", joint, source)
     if theta_variable == rl_variable:
-        raise RobotError(
-            f"{source}, joint {joint}: exactly one of theta and rl_m must hold the joint variable q{joint}.",
-            file=source,
-            field="theta",
-            joint=joint,
-        )
+        raise _wrong(source, joint, "theta", f"exactly one of theta and rl_m must hold the joint variable q{joint}.")
     gamma = (row.get("gamma_rad") or row.get("gamma") or "").strip()
     if gamma and _number(gamma, "gamma_rad", joint, source) != (0.0 if theta_variable else 1.0):
-        raise RobotError(
-            f"{source}, joint {joint}: gamma is {gamma}, but the joint variable stands in the column of a "
-            f"{'revolute (0)' if theta_variable else 'prismatic (1)'} joint.",
-            file=source,
-            field="gamma_rad",
-            joint=joint,
-        )
+        kind = "revolute (0)" if theta_variable else "prismatic (1)"
+        what = f"gamma is {gamma}, but the joint variable stands in the column of a {kind} joint."
+        raise _wrong(source, joint, "gamma_rad", what)
     alpha = _number(row["alpha_rad"], "alpha_rad", joint, source)
     d = _number(row["d_m"], "d_m", joint, source)
     lower, upper, velocity, effort = (
@@ -169,6 +160,10 @@ def _read_row(row: dict[str, str], joint: int, source: str) -> _Row:
     return _Row((alpha, d, theta_offset, rl_offset), theta_variable, name, (lower, upper, velocity, effort))
 
 
+def _wrong(source: str, joint: int, column: str, message: str) -> RobotError:
+    return RobotError(f"{source}, joint {joint}: {message}", file=source, field=column, joint=joint)
+
+
 def _split_variable(text: str | None, column: str, joint: int, source: str) -> tuple[float, bool]:
     """Offset of the entry and whether it holds the joint variable: `q3+pi/2` → (π/2, True), `0.42` → (0.42, False)."""
     entry = (text or "").strip()
@@ -176,20 +171,10 @@ def _split_variable(text: str | None, column: str, joint: int, source: str) -> t
     if found is None:
         return _number(entry, column, joint, source), False
     if int(found.group(1)) != joint:
-        raise RobotError(
-            f"{source}, joint {joint}: {column} holds {found.group(0)}, the variable of another joint.",
-            file=source,
-            field=column,
-            joint=joint,
-        )
+        raise _wrong(source, joint, column, f"{column} holds {found.group(0)}, the variable of another joint.")
     at_zero, at_one = (_number(_JOINT_VARIABLE.sub(value, entry), column, joint, source) for value in ("0", "1"))
     if abs(at_one - at_zero - 1.0) > 1e-12:
-        raise RobotError(
-            f"{source}, joint {joint}: {column} must be q{joint} plus a constant, not '{entry}'.",
-            file=source,
-            field=column,
-            joint=joint,
-        )
+        raise _wrong(source, joint, column, f"{column} must be q{joint} plus a constant, not '{entry}'.")
     return at_zero, True
 
 
@@ -201,12 +186,7 @@ def _number(text: str | None, column: str, joint: int, source: str) -> float:
     except (SyntaxError, ValueError, ZeroDivisionError, RecursionError, OverflowError):
         value = math.nan
     if not math.isfinite(value):
-        raise RobotError(
-            f"{source}, joint {joint}: column {column} holds '{entry}', which is no finite number.",
-            file=source,
-            field=column,
-            joint=joint,
-        )
+        raise _wrong(source, joint, column, f"column {column} holds '{entry}', which is no finite number.")
     return value
 
 
