@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
-from identification.mismatch.effects.describe import joint_name, linear, size
+from identification.mismatch.effects.describe import joint_name, linear, shaped, size
 from identification.mismatch.effects.displacement import torque_of_displacement
 from identification.mismatch.effects.dynamics import rigid_torque
 from identification.mismatch.effects.own_joint import joint_index
@@ -48,11 +47,7 @@ class Backlash(Effect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """The play ε and the torque of the crossing."""
-        crossing = float(estimate.shape["crossing_torque"])
-        return (
-            linear("play", estimate, "mrad", scale=1000.0),
-            Parameter("crossing_torque", crossing, float(estimate.shape_std.get("crossing_torque", math.nan)), "Nm"),
-        )
+        return linear("play", estimate, "mrad", scale=1000.0), shaped("crossing_torque", estimate, "Nm")
 
     def sentence(self, estimate: Estimate) -> str:
         """How much play."""

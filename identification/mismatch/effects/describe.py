@@ -24,11 +24,10 @@ def linear(name: str, estimate: Estimate, unit: str, *, index: int = 0, scale: f
     return Parameter(name, scale * float(estimate.coefficients[index]), abs(scale) * std, unit)
 
 
-def shaped(name: str, estimate: Estimate, unit: str, *, scale: float = 1.0) -> Parameter:
-    """A nonlinear parameter by its own name; its standard deviation is nan where the search gives none."""
-    return Parameter(
-        name, scale * float(estimate.shape[name]), scale * float(estimate.shape_std.get(name, math.nan)), unit
-    )
+def shaped(name: str, estimate: Estimate, unit: str, *, scale: float = 1.0, called: str = "") -> Parameter:
+    """A nonlinear parameter, by its own name or another; its standard deviation is nan where the search gives none."""
+    value, std = (scale * float(each) for each in (estimate.shape[name], estimate.shape_std.get(name, math.nan)))
+    return Parameter(called or name, value, std, unit)
 
 
 def deviation(estimate: Estimate, index: int) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 from identification.regressor import rigid_body_columns
@@ -164,11 +165,9 @@ def force_parameters(estimate: Estimate) -> tuple[Parameter, ...]:
     force, covariance = estimate.coefficients, estimate.covariance
     size = float(np.linalg.norm(force))
     along = force / size if size > 0.0 else np.zeros(3)
-    std = np.sqrt(np.diag(covariance))
-    shape, shape_std = estimate.shape, estimate.shape_std
     return (
         Parameter("force", size, float(np.sqrt(along @ covariance @ along)), "N"),
-        *(Parameter(f"force_{axis}", float(force[i]), float(std[i]), "N") for i, axis in enumerate("xyz")),
-        Parameter("start", shape["start_s"], shape_std.get("start_s", np.nan), "s"),
-        Parameter("duration", shape["duration_s"], shape_std.get("duration_s", np.nan), "s"),
+        *(linear(f"force_{axis}", estimate, "N", index=index) for index, axis in enumerate("xyz")),
+        shaped("start_s", estimate, "s", called="start"),
+        shaped("duration_s", estimate, "s", called="duration"),
     )

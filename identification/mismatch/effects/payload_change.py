@@ -9,6 +9,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.effects.payload import columns_of_link
 from identification.mismatch.motion import Motion
@@ -52,13 +53,9 @@ class PayloadChange(EnvelopedEffect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Mass, first moments and the moment of the change."""
-        std = np.sqrt(np.diag(estimate.covariance))
         names = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")
-        sizes = [
-            Parameter(name, float(estimate.coefficients[i]), float(std[i]), self.units[i])
-            for i, name in enumerate(names)
-        ]
-        return (*sizes, Parameter("time", estimate.shape["time_s"], estimate.shape_std.get("time_s", np.nan), "s"))
+        sizes = (linear(name, estimate, self.units[index], index=index) for index, name in enumerate(names))
+        return *sizes, shaped("time_s", estimate, "s", called="time")
 
     def sentence(self, estimate: Estimate) -> str:
         """One sentence for the operator."""

@@ -10,6 +10,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 
@@ -61,19 +62,13 @@ class ThermalFriction(EnvelopedEffect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Excess of both frictions at the start, of their sum at one speed (better known than each), time constant."""
-        std = np.sqrt(np.diag(estimate.covariance))
         speed = np.array([REFERENCE_VELOCITY, 1.0])
         spread = float(np.sqrt(max(0.0, float(speed @ estimate.covariance @ speed))))
         return (
             Parameter("excess_at_0.5_rad_per_s", float(speed @ estimate.coefficients), spread, "Nm"),
-            Parameter("viscous_excess", float(estimate.coefficients[0]), float(std[0]), "Nm s/rad"),
-            Parameter("coulomb_excess", float(estimate.coefficients[1]), float(std[1]), "Nm"),
-            Parameter(
-                "time_constant",
-                estimate.shape["time_constant_s"],
-                estimate.shape_std.get("time_constant_s", np.nan),
-                "s",
-            ),
+            linear("viscous_excess", estimate, "Nm s/rad"),
+            linear("coulomb_excess", estimate, "Nm", index=1),
+            shaped("time_constant_s", estimate, "s", called="time_constant"),
         )
 
     def sentence(self, estimate: Estimate) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
 from identification.mismatch.motion import Motion
 
@@ -63,14 +64,10 @@ class TorqueSensorDrift(EnvelopedEffect):
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Size, and the time that belongs to the course."""
         course = round(estimate.shape["course"])
-        size, std = float(estimate.coefficients[0]), float(np.sqrt(estimate.covariance[0, 0]))
-        when = estimate.shape.get("time_s", np.nan)
-        when_std = estimate.shape_std.get("time_s", np.nan)
         if course == LINEAR:
-            return (Parameter("rate", size, std, "Nm/h"),)
-        if course == EXPONENTIAL:
-            return (Parameter("initial_torque", size, std, "Nm"), Parameter("time_constant", when, when_std, "s"))
-        return (Parameter("step", size, std, "Nm"), Parameter("time", when, when_std, "s"))
+            return (linear("rate", estimate, "Nm/h"),)
+        size, when = ("initial_torque", "time_constant") if course == EXPONENTIAL else ("step", "time")
+        return linear(size, estimate, "Nm"), shaped("time_s", estimate, "s", called=when)
 
     def sentence(self, estimate: Estimate) -> str:
         """One sentence for the operator."""
