@@ -9,13 +9,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from identification.arrays import FloatArray
 from identification.errors import TrajectoryError
+from identification.json_values import plain
 
 FORMAT = "iiwa-ident/trajectory/1"
 
@@ -24,10 +25,11 @@ class Trajectory(ABC):
     """A periodic motion of n joints, as `run`, `check` and the demo ask for it.
 
     robot: name of the robot it was made for, or empty. record: what the designer noted (limits, achieved figures, seed,
-    settings); it travels with the file and changes nothing about the motion.
+    settings); it travels with the file and changes nothing about the motion. kind: what a file calls it.
     """
 
     __slots__ = ()
+    kind: ClassVar[str]
     robot: str
     record: Mapping[str, Any]
 
@@ -49,9 +51,11 @@ class Trajectory(ABC):
     def scaled(self, amplitude: float) -> Trajectory:
         """The same path with its amplitude multiplied. Raises TrajectoryError for one that is not positive."""
 
-    @abstractmethod
     def numbers(self) -> dict[str, Any]:
         """What describes the motion in a file, as plain JSON types."""
+        told = plain(self)
+        del told["record"]
+        return {"kind": self.kind, "robot": told.pop("robot"), **told}
 
     def sample_times(self, rate_hz: float) -> FloatArray:
         """Times of the samples of exactly one period, (N,) s; the last one is a step before the next period."""

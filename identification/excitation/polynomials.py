@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,7 @@ class PolynomialTrajectory(Trajectory):
     periods follow each other without a jump. Raises TrajectoryError otherwise.
     """
 
+    kind: ClassVar[str] = "polynomial"
     duration_s: FloatArray
     waypoints: FloatArray
     robot: str = ""
@@ -86,15 +87,6 @@ class PolynomialTrajectory(Trajectory):
         start = self.waypoints[0]
         return replace(self, waypoints=start + amplitude * (self.waypoints - start))
 
-    def numbers(self) -> dict[str, Any]:
-        """Kind polynomial."""
-        return {
-            "kind": "polynomial",
-            "robot": self.robot,
-            "duration_s": self.duration_s.tolist(),
-            "waypoints": self.waypoints.tolist(),
-        }
-
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> PolynomialTrajectory:
         """Read what `to_json` wrote. Raises TrajectoryError naming the field."""
@@ -111,6 +103,7 @@ class SineSeriesTrajectory(Trajectory):
     each other without a jump. Raises TrajectoryError on unusable numbers.
     """
 
+    kind: ClassVar[str] = "sine_series"
     amplitude: FloatArray
     angular_frequency: FloatArray
     offset: FloatArray
@@ -147,27 +140,17 @@ class SineSeriesTrajectory(Trajectory):
         q, dq, ddq = self._sines(np.minimum(time, self.duration_s))
         back = time > self.duration_s
         if np.any(back):
-            start, end = self._sines(np.array([self.duration_s])), self._sines(np.array([0.0]))
-            way = _hermite(time[back] - self.duration_s, self.return_s, start, end)
-            q[back], dq[back], ddq[back] = way
+            from scipy.interpolate import BPoly  # slow to load, and other motions do without
+
+            ends = [np.concatenate(self._sines(np.array([at]))) for at in (self.duration_s, 0.0)]
+            way = BPoly.from_derivatives([0.0, self.return_s], ends)
+            q[back], dq[back], ddq[back] = (way(time[back] - self.duration_s, order) for order in range(3))
         return q + self.offset, dq, ddq
 
     def scaled(self, amplitude: float) -> SineSeriesTrajectory:
         """The same path with its amplitude about its offset multiplied."""
         check_amplitude(amplitude)
         return replace(self, amplitude=self.amplitude * amplitude)
-
-    def numbers(self) -> dict[str, Any]:
-        """Kind sine_series."""
-        return {
-            "kind": "sine_series",
-            "robot": self.robot,
-            "amplitude": self.amplitude.tolist(),
-            "angular_frequency": self.angular_frequency.tolist(),
-            "offset": self.offset.tolist(),
-            "duration_s": self.duration_s,
-            "return_s": self.return_s,
-        }
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> SineSeriesTrajectory:
@@ -182,35 +165,3 @@ class SineSeriesTrajectory(Trajectory):
         sin, cos = np.sin(phase), np.cos(phase)
         a, b = self.amplitude, self.angular_frequency
         return np.sum(a * sin, axis=2), np.sum(a * b * cos, axis=2), -np.sum(a * b * b * sin, axis=2)
-
-
-def _hermite(
-    time: FloatArray,
-    duration: float,
-    start: tuple[FloatArray, FloatArray, FloatArray],
-    end: tuple[FloatArray, FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fifth-order polynomial between two states (q, q̇, q̈), each (1, n), at times (S,) since the first one."""
-    powers = np.arange(6)
-    boundary = np.zeros((6, 6))
-    for row, (at, order) in enumerate(((0.0, 0), (0.0, 1), (0.0, 2), (1.0, 0), (1.0, 1), (1.0, 2))):
-        boundary[row] = _falling(powers, order) * np.where(powers >= order, at ** np.maximum(powers - order, 0), 0.0)
-    scale = duration ** np.array([0, 1, 2, 0, 1, 2])
-    states = np.concatenate([*start, *end]) * scale[:, None]
-    coefficients = np.linalg.solve(boundary, states)
-    share = (time / duration)[:, None]
-    q, dq, ddq = (
-        (_falling(powers, order) * np.where(powers >= order, share ** np.maximum(powers - order, 0), 0.0))
-        @ coefficients
-        / duration**order
-        for order in range(3)
-    )
-    return q, dq, ddq
-
-
-def _falling(powers: npt.NDArray[np.int64], order: int) -> FloatArray:
-    """K (k-1) … (k-order+1), the factor that differentiating t^k leaves."""
-    factor = np.ones(len(powers))
-    for i in range(order):
-        factor = factor * (powers - i)
-    return factor
