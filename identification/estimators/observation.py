@@ -16,8 +16,6 @@ import scipy.linalg
 from identification.arrays import FloatArray, IntArray
 from identification.errors import EstimationError, UndeterminedParametersError
 
-_NORMAL_EQUATIONS_CONDITION = 1e5
-_NORMAL_EQUATIONS_RESIDUAL = 1e-5
 _RANK_TOLERANCE = 1e-10
 
 
@@ -82,13 +80,12 @@ class ReducedProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompressedObservation:
-    """[Y_b τ] of each joint as a block B_j of size (p + 1)²: a factor, B_jᵀB_j = [Y_b τ]ᵀ[Y_b τ], or that product.
+    """[Y_b τ] of each joint as a factor B_j of size (p + 1)²: B_jᵀB_j = [Y_b τ]ᵀ[Y_b τ].
 
-    blocks: (n, p + 1, p + 1). factored: whether they are factors. counts: (n,) rows per joint.
+    blocks: (n, p + 1, p + 1). counts: (n,) rows per joint.
     """
 
     blocks: FloatArray
-    factored: bool
     counts: IntArray
     names: tuple[str, ...]
 
@@ -99,25 +96,20 @@ class CompressedObservation:
 
     def residual_squares(self, base_values: FloatArray) -> FloatArray:
         """(n,) sum of squared residuals of each joint, Nm², for base parameters (p,)."""
-        direction = np.append(base_values, -1.0)
-        images = self.blocks @ direction
-        squares = np.einsum("ni,ni->n", images, images) if self.factored else images @ direction
-        return np.asarray(np.maximum(squares, 0.0), dtype=np.float64)
+        images = self.blocks @ np.append(base_values, -1.0)
+        return np.asarray(np.einsum("ni,ni->n", images, images), dtype=np.float64)
 
     def degrees_of_freedom(self, reduced: ReducedProblem, weights: FloatArray) -> FloatArray:
         """(n,) parameters that each joint's rows take up in a fit with these weights; they add up to p."""
         size = len(self.names)
         inverse = scipy.linalg.solve_triangular(reduced.triangular, np.eye(size))
-        if self.factored:
-            images = self.blocks[:, :, :size] @ inverse
-            return np.asarray(weights * np.einsum("nij,nij->n", images, images), dtype=np.float64)
-        covariance = inverse @ inverse.T
-        return np.asarray(weights * np.einsum("nij,ij->n", self.blocks[:, :size, :size], covariance), dtype=np.float64)
+        images = self.blocks[:, :, :size] @ inverse
+        return np.asarray(weights * np.einsum("nij,nij->n", images, images), dtype=np.float64)
 
     def torque_squares(self) -> FloatArray:
         """(n,) sum of squared torques of each joint, Nm²."""
         last = self.blocks[:, :, -1]
-        return np.asarray(np.einsum("ni,ni->n", last, last) if self.factored else last[:, -1])
+        return np.asarray(np.einsum("ni,ni->n", last, last))
 
     def reduced(self, weights: FloatArray | None = None) -> ReducedProblem:
         """All joints as one problem, each joint's squares multiplied by its weight (n,), 1/Nm²; default all 1.
@@ -126,14 +118,11 @@ class CompressedObservation:
         """
         size = len(self.names)
         scale = np.ones(len(self.blocks)) if weights is None else weights
-        if self.factored:
-            stacked = (np.sqrt(scale)[:, None, None] * self.blocks).reshape(-1, size + 1)
-            triangle = np.linalg.qr(stacked, mode="r")
-            padded = np.zeros((size + 1, size + 1))
-            padded[: len(triangle)] = triangle
-            check_rank(padded[:size, :size], self.names)
-        else:
-            padded = scipy.linalg.cholesky(np.einsum("n,nij->ij", scale, self.blocks))
+        stacked = (np.sqrt(scale)[:, None, None] * self.blocks).reshape(-1, size + 1)
+        triangle = np.linalg.qr(stacked, mode="r")
+        padded = np.zeros((size + 1, size + 1))
+        padded[: len(triangle)] = triangle
+        check_rank(padded[:size, :size], self.names)
         return ReducedProblem(
             triangular=np.triu(padded[:size, :size]),
             projected=padded[:size, size].copy(),
@@ -146,10 +135,10 @@ def compress(observation: Observation) -> CompressedObservation:
     """Read the tall matrix once and keep one block per joint, as `compress_joints` does."""
     joints = []
     for joint in range(observation.joints):
-        rows = _rows_of(observation.joint, joint)
-        matrix = observation.matrix[rows]
-        used = np.flatnonzero((matrix != 0.0).any(axis=0)).astype(np.int64)
-        joints.append((matrix[:, used].T, used, observation.torque[rows]))
+        rows = observation.joint == joint
+        matrix = observation.matrix[rows].T
+        used = np.flatnonzero(matrix.any(axis=1))
+        joints.append((matrix[used], used, observation.torque[rows]))
     return compress_joints(joints, observation.names)
 
 
@@ -158,23 +147,15 @@ def compress_joints(
 ) -> CompressedObservation:
     """One block per joint, of its columns (m, rows), their positions (m,) among the parameters, and torque (rows,).
 
-    The products [Y_b τ]ᵀ[Y_b τ] are formed first; they are kept where the columns (normalised) have a condition
-    number below 1e5 and the residual is no rounding error. Otherwise every joint's block is factored by QR.
+    Any number of rows will do; a joint without rows has zeros.
     """
     size = len(names)
     blocks = np.zeros((len(joints), size + 1, size + 1))
     for block, (columns, used, torque) in zip(blocks, joints, strict=True):
-        block[np.ix_(used, used)] = columns @ columns.T
-        block[used, size] = block[size, used] = columns @ torque
-        block[size, size] = torque @ torque
-    counts = np.array([len(torque) for _, _, torque in joints], dtype=np.int64)
-    if _normal_equations_are_safe(blocks.sum(axis=0)):
-        return CompressedObservation(blocks, False, counts, names)
-    blocks = np.zeros_like(blocks)
-    for block, (columns, used, torque) in zip(blocks, joints, strict=True):
         triangle = np.linalg.qr(np.vstack([columns, torque]).T, mode="r")
         block[: len(triangle), np.append(used, size)] = triangle
-    return CompressedObservation(blocks, True, counts, names)
+    counts = np.array([len(torque) for _, _, torque in joints], dtype=np.int64)
+    return CompressedObservation(blocks, counts, names)
 
 
 def merge(parts: list[CompressedObservation]) -> CompressedObservation:
@@ -186,15 +167,8 @@ def merge(parts: list[CompressedObservation]) -> CompressedObservation:
     if len(parts) == 1:
         return first
     counts = np.sum([part.counts for part in parts], axis=0)
-    if not any(part.factored for part in parts):
-        return CompressedObservation(np.sum([part.blocks for part in parts], axis=0), False, counts, first.names)
-    size = first.blocks.shape[1]
-    blocks = np.zeros_like(first.blocks)
-    for joint in range(len(blocks)):
-        stacked = np.vstack([_factor(part.blocks[joint], part.factored) for part in parts])
-        triangle = np.linalg.qr(stacked, mode="r")
-        blocks[joint, : min(size, len(triangle))] = triangle
-    return CompressedObservation(blocks, True, counts, first.names)
+    blocks = np.asarray(np.linalg.qr(np.concatenate([part.blocks for part in parts], axis=1), mode="r"))
+    return CompressedObservation(blocks, counts, first.names)
 
 
 def check_rank(triangular: FloatArray, names: tuple[str, ...]) -> None:
@@ -216,34 +190,3 @@ def check_rank(triangular: FloatArray, names: tuple[str, ...]) -> None:
     involved = zero | (np.abs(null).max(axis=0) > 1e-3)
     undetermined = tuple(name for name, is_involved in zip(names, involved, strict=True) if is_involved)
     raise UndeterminedParametersError(undetermined, rank=len(names) - len(null), size=len(names))
-
-
-def _rows_of(joint_of_row: IntArray, joint: int) -> slice | IntArray:
-    """The rows of one joint, as a slice where they lie evenly (then no copy is made)."""
-    rows = np.flatnonzero(joint_of_row == joint).astype(np.int64)
-    if len(rows) > 1:
-        step = int(rows[1] - rows[0])
-        if rows[-1] - rows[0] == step * (len(rows) - 1) and np.all(np.diff(rows) == step):
-            return slice(int(rows[0]), int(rows[-1]) + 1, step)
-    return rows
-
-
-def _normal_equations_are_safe(product: FloatArray) -> bool:
-    norms = np.sqrt(np.diag(product))
-    if not np.all(norms > 0.0):
-        return False
-    try:
-        triangle = scipy.linalg.cholesky(product / np.outer(norms, norms))
-    except np.linalg.LinAlgError:
-        return False
-    singular = np.linalg.svd(triangle[:-1, :-1], compute_uv=False)
-    return bool(
-        singular[0] < _NORMAL_EQUATIONS_CONDITION * singular[-1] and triangle[-1, -1] > _NORMAL_EQUATIONS_RESIDUAL
-    )
-
-
-def _factor(block: FloatArray, factored: bool) -> FloatArray:
-    if factored:
-        return block
-    values, vectors = np.linalg.eigh(block)
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T, dtype=np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.base_parameters import BaseRegressor, direction_of
-from identification.estimators.observation import CompressedObservation, merge
+from identification.estimators.observation import CompressedObservation, compress_joints, merge
 from identification.fitting.settings import Split
 from identification.signals.periods import smooth_over_lines
 from identification.signals.processed import ProcessedSignals
@@ -156,21 +156,16 @@ def build_block(
 def _compressed(
     columns: FloatArray, torque: FloatArray, rows: BoolArray, names: tuple[str, ...], scale: FloatArray | None = None
 ) -> CompressedObservation:
-    """Chosen rows as one triangular factor per joint; any number of rows will do, a joint without rows has zeros."""
-    joints = torque.shape[1]
-    size = len(names)
-    factors = np.zeros((joints, size + 1, size + 1))
-    for joint in range(joints):
+    """Chosen rows as one triangular factor per joint, each row times its scale."""
+    joints = []
+    for joint in range(torque.shape[1]):
         chosen = rows[:, joint]
-        matrix = columns[chosen, joint]
+        weight = 1.0 if scale is None else scale[chosen, joint]
+        matrix = columns[chosen, joint].T
         # Joint j feels the links j … n only: most columns of a distal joint are zero.
-        used = np.flatnonzero((matrix != 0.0).any(axis=0))
-        augmented = np.column_stack([matrix[:, used], torque[chosen, joint]])
-        if scale is not None:
-            augmented *= scale[chosen, joint][:, None]
-        triangle = np.linalg.qr(augmented, mode="r")
-        factors[joint][: len(triangle), np.append(used, size)] = triangle
-    return CompressedObservation(factors, True, rows.sum(axis=0).astype(np.int64), names)
+        used = np.flatnonzero(matrix.any(axis=1))
+        joints.append((matrix[used] * weight, used, torque[chosen, joint] * weight))
+    return compress_joints(joints, names)
 
 
 def observation(blocks: list[Block], names: tuple[str, ...], *, weighted: bool = True) -> CompressedObservation:

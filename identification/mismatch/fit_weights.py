@@ -59,5 +59,5 @@ def _levels(problem: Problem, deviation: FloatArray, added: Sequence[FloatArray]
     rows = columns / np.where(used, problem.weight * deviation, np.inf)[..., None]
     names = tuple(map(str, range(rows.shape[2] - 1)))
     factors = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
-    observation = CompressedObservation(factors, True, used.sum(axis=1), names)
+    observation = CompressedObservation(factors, used.sum(axis=1), names)
     return np.asarray(1.0 / np.sqrt(solve_least_squares(observation).weights), dtype=np.float64)

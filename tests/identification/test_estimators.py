@@ -71,7 +71,7 @@ def periodic_block(noise: np.ndarray, *, bound_outliers: bool = False) -> Block:
 
 def block_of(signals, columns: np.ndarray, torque: np.ndarray) -> Block:  # type: ignore[no-untyped-def]
     every = np.ones(torque.shape, dtype=np.bool_)
-    nothing = CompressedObservation(np.zeros((JOINTS, 1, SIZE + 1)), True, np.full(JOINTS, len(torque)), NAMES)
+    nothing = CompressedObservation(np.zeros((JOINTS, 1, SIZE + 1)), np.full(JOINTS, len(torque)), NAMES)
     return Block(signals, columns, torque, every, ~every, np.ones(torque.shape), nothing, None)
 
 

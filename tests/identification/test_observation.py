@@ -18,9 +18,8 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def products(compressed: CompressedObservation) -> FloatArray:
-    """[Y_b τ]ᵀ[Y_b τ] per joint, whichever form is kept."""
-    blocks = compressed.blocks
-    return blocks.transpose(0, 2, 1) @ blocks if compressed.factored else blocks
+    """[Y_b τ]ᵀ[Y_b τ] per joint."""
+    return compressed.blocks.transpose(0, 2, 1) @ compressed.blocks
 
 
 def noisy_torque(base: BaseRegressor, motion: Motion, noise: float) -> FloatArray:
@@ -35,7 +34,7 @@ def by_joints(base: BaseRegressor, motion: Motion, torque: FloatArray) -> Compre
     return compress_joints([(columns, used, measured) for (columns, used), measured in joints], base.names)
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.0], ids=["products", "factors"])
+@pytest.mark.parametrize("noise", [0.1, 0.0], ids=["noisy", "exact"])
 def test_a_motion_compressed_by_joints_equals_its_tall_matrix_compressed(
     iiwa14: RobotModel, rich_motion: Callable[..., Motion], noise: float
 ) -> None:
@@ -45,7 +44,6 @@ def test_a_motion_compressed_by_joints_equals_its_tall_matrix_compressed(
     matrix, joint = base.stacked(*motion)
     whole = compress(Observation(matrix, torque.T.ravel(), joint, base.names))
     parts = by_joints(base, motion, torque)
-    assert parts.factored == whole.factored == (noise == 0.0)
     np.testing.assert_array_equal(parts.counts, whole.counts)
     scale = np.abs(products(whole)).max()
     np.testing.assert_allclose(products(parts), products(whole), rtol=0.0, atol=1e-13 * scale)
@@ -61,13 +59,12 @@ def test_fit_by_joints_equals_numpys_least_squares(
     np.testing.assert_allclose(fitted.values, expected, rtol=0.0, atol=1e-9)
 
 
-def test_an_ill_conditioned_motion_is_factored_and_fits_the_torque_that_the_tall_matrix_fits(
+def test_an_ill_conditioned_motion_fits_the_torque_that_the_tall_matrix_fits(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, rich_motion: Callable[..., Motion]
 ) -> None:
     q, dq, ddq = (0.002 * values for values in rich_motion(iiwa14, 3000))  # one posture, hardly left
     torque = noisy_torque(iiwa14_base, (q, dq, ddq), 1e-3)
     compressed = by_joints(iiwa14_base, (q, dq, ddq), torque)
-    assert compressed.factored
     matrix = iiwa14_base.matrix(q, dq, ddq).reshape(-1, 57)
     scale = np.linalg.norm(matrix, axis=0)
     assert np.linalg.cond(matrix / scale) > 1e5
