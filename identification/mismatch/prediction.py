@@ -212,7 +212,7 @@ def torque_along(
     regressor: BaseRegressor,
     values: FloatArray,
     time: FloatArray,
-    states: Sequence[FloatArray],
+    states: tuple[FloatArray, FloatArray, FloatArray],
     class_terms: Mapping[str, Any] | None = None,
 ) -> Callable[[_Timed], FloatArray]:
     """Effects' torque as a function of a simulated state's time, evaluated along the commanded periodic motion.
@@ -220,19 +220,10 @@ def torque_along(
     time: (S,) s, uniform over one period. states: q, q̇, q̈ there, each (S, n). values: (p,) base parameters.
     The returned function takes anything with `time_s` and gives (n,) Nm; only repeatable effects are in it.
     """
-    position, velocity, acceleration = states
-    motion = Motion(
-        robot=regressor.robot,
-        time=time,
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        torque=regressor.matrix(position, velocity, acceleration) @ values,
-        full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
-        periodic=True,
-        start_s=np.zeros(1),
-        coulomb_velocity=regressor.options.coulomb_velocity,
-    )
+    full = np.linalg.pinv(regressor.regrouping) @ values
+    torque = regressor.matrix(*states) @ values
+    width = regressor.options.coulomb_velocity
+    motion = Motion(regressor.robot, time, *states, torque, full, True, np.zeros(1), width)
     return _by_time(effects, motion, class_terms)
 
 
