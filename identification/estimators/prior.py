@@ -28,6 +28,7 @@ import scipy.sparse
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, SolverError
+from identification.estimators.semidefinite import scaled_triangle
 from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia
 from identification.robots.model import Kinematics
 
@@ -44,6 +45,19 @@ _PRIOR_WEIGHT = 0.1
 """Of the divergence: the mass of one body is taken to be known to a factor of about four."""
 _BASIS = pseudo_inertia(np.eye(INERTIAL_COUNT))
 _LOWER = tuple((row, column) for row in range(4) for column in range(row + 1))
+
+
+def _cone() -> FloatArray:
+    """(36, 20) [[P, Z], [Zᵀ, diag Z]] as Clarabel takes it, per unit of P's parameters and of Z's entries."""
+    units = np.zeros((20, 8, 8))
+    units[:INERTIAL_COUNT, :4, :4] = _BASIS
+    for unit, (row, column) in zip(units[INERTIAL_COUNT:], _LOWER, strict=True):
+        unit[row, 4 + column] = 1.0
+        unit[4 + row, 4 + row] = row == column
+    return scaled_triangle(units)
+
+
+_CONE = _cone()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,15 +255,8 @@ class _Program:
         blocks, bounds, cones = [data], [self._target], [clarabel.ZeroConeT(rows)]
         for link in range(links):
             block = np.zeros((36, count))
-            _add_matrix(block, slice(link * stride, link * stride + INERTIAL_COUNT), _BASIS, (0, 0))
-            for place, (row, column) in enumerate(_LOWER):
-                z = np.zeros((4, 4))
-                z[row, column] = 1.0
-                _add_matrix(block, slice(first_z + 10 * link + place, first_z + 10 * link + place + 1), z[None], (0, 4))
-                if row == column:
-                    _add_matrix(
-                        block, slice(first_z + 10 * link + place, first_z + 10 * link + place + 1), z[None], (4, 4)
-                    )
+            block[:, link * stride : link * stride + INERTIAL_COUNT] = _CONE[:, :INERTIAL_COUNT]
+            block[:, first_z + 10 * link : first_z + 10 * (link + 1)] = _CONE[:, INERTIAL_COUNT:]
             blocks.append(-block)
             bounds.append(np.zeros(36))
             cones.append(clarabel.PSDTriangleConeT(8))
@@ -301,16 +308,3 @@ class _Program:
         diagonal[:, INERTIAL_COUNT:] = 1.0 / np.where(self._free, self._typical, np.abs(x[:, INERTIAL_COUNT:]))
         root[np.diag_indices(x.size)] += diagonal.ravel()
         return np.asarray(np.sqrt(_PRIOR_WEIGHT) * root, dtype=np.float64)
-
-
-def _add_matrix(block: FloatArray, columns: slice, matrices: FloatArray, corner: tuple[int, int]) -> None:
-    """Let variables `columns` add their matrices (k, 4, 4) at a corner of a symmetric 8 × 8 matrix, given by its scaled
-    upper triangle, column by column, as Clarabel takes it (36, count).
-    """
-    place = 0
-    for column in range(8):
-        for row in range(column + 1):
-            i, j = row - corner[0], column - corner[1]
-            if 0 <= i < 4 and 0 <= j < 4:
-                block[place, columns] += matrices[:, i, j] * (1.0 if row == column else np.sqrt(2.0))
-            place += 1

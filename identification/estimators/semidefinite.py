@@ -21,13 +21,10 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import SolverError
 from identification.estimators.feasibility import FeasibilityRules, linear_inequalities, rules_for
 from identification.estimators.observation import ReducedProblem
-from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters
+from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameters, pseudo_inertia, symmetric
 
-_SQRT2 = float(np.sqrt(2.0))
-_UPPER_3 = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Clarabel's order: upper triangle, column by column
-_UPPER_4 = (*_UPPER_3, (0, 3), (1, 3), (2, 3), (3, 3))
-# Position of XX … ZZ among a link's ten entries, and of H's six entries among themselves
-_TENSOR = {(0, 0): 4, (0, 1): 5, (0, 2): 6, (1, 1): 7, (1, 2): 8, (2, 2): 9}
+_TENSOR, _DIAGONAL = slice(4, INERTIAL_COUNT), np.array([4, 7, 9])
+"""XX … ZZ, and XX, YY, ZZ, among a link's ten entries."""
 _SMALLEST_RELATIVE_COST = 1e-8
 _SETTLING_TOLERANCE = 1e-6
 
@@ -76,8 +73,7 @@ def solve_semidefinite(
     stride = INERTIAL_COUNT + len(symbols)
     matrix, bound = linear_inequalities(chosen, links, symbols)
     # keep the rows that speak of m, h and friction only: in π the tensor is about the frame's origin
-    tensor_columns = np.tile(np.isin(np.arange(stride), list(_TENSOR.values())), links)
-    about_others = ~np.any(matrix[:, tensor_columns] != 0.0, axis=1)
+    about_others = ~np.any(matrix.reshape(-1, links, stride)[..., _TENSOR], axis=(1, 2))
     program = _ConicProgram(problem.triangular @ base.regrouping, _centre(problem, base), problem)
     program.nonnegative(matrix[about_others], bound[about_others])
     for link in range(links):
@@ -116,8 +112,7 @@ def _inside_the_cone(variables: FloatArray, links: int, stride: int, margin: flo
         values, vectors = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
         lifted = (vectors * np.maximum(values, margin)) @ vectors.T
         change = np.trace(lifted) * np.eye(3) - lifted - tensor
-        for (row, column), place in _TENSOR.items():
-            table[link, place] += change[row, column]
+        table[link, _TENSOR] += change[np.triu_indices(3)]
     return table.ravel()
 
 
@@ -135,15 +130,11 @@ def relax_constrained_program(
     stride = INERTIAL_COUNT + len(symbols)
     size = links * stride
     to_full = np.hstack([np.eye(size), np.zeros((size, 6 * links))])
+    units = symmetric(np.eye(6))
+    turned = np.trace(units, axis1=1, axis2=2)[:, None, None] * np.eye(3) - units
     for link in range(links):
-        for place, (row, column) in enumerate(_TENSOR):
-            variable = size + 6 * link + place
-            if row != column:
-                to_full[link * stride + _TENSOR[row, column], variable] = -1.0
-                continue
-            for axis in range(3):
-                if axis != row:
-                    to_full[link * stride + _TENSOR[axis, axis], variable] = 1.0
+        own = slice(size + 6 * link, size + 6 * (link + 1))
+        to_full[link * stride : (link + 1) * stride, own][_TENSOR] = turned[:, *np.triu_indices(3)].T
     centre = np.concatenate([_centre(problem, base), np.zeros(6 * links)])
     program = _ConicProgram(problem.triangular @ base.regrouping @ to_full, centre, problem)
     matrix, bound = linear_inequalities(rules, links, symbols)
@@ -151,9 +142,8 @@ def relax_constrained_program(
     for link in range(links):
         program.positive_semidefinite(*_lifted_rows(link, stride, links), 4)
         box = np.zeros((3, size + 6 * links))
-        for axis, place in enumerate((0, 3, 5)):
-            box[axis, size + 6 * link + place] = 1.0
-            box[axis, link * stride] = -(rules.center_of_mass**2)
+        box[:, link * stride] = -(rules.center_of_mass**2)
+        box[range(3), size + 6 * link + _DIAGONAL - 4] = 1.0
         program.nonnegative(box, np.zeros(3))
         if full_consistency:
             rows, constants = _pseudo_inertia_rows(link, stride, size + 6 * links, 0.0)
@@ -171,44 +161,31 @@ def _centre(problem: ReducedProblem, base: BaseRegressor) -> FloatArray:
 
 def _pseudo_inertia_rows(link: int, stride: int, size: int, margin: float) -> tuple[FloatArray, FloatArray]:
     """Rows (10, size) and constants of the scaled upper triangle of [[½ tr(I) 1 − I − margin 1, h], [hᵀ, m]]."""
-    first = link * stride
     rows = np.zeros((10, size))
-    constants = np.zeros(10)
-    for place, (row, column) in enumerate(_UPPER_4):
-        if (row, column) == (3, 3):
-            rows[place, first] = 1.0
-        elif column == 3:
-            rows[place, first + 1 + row] = _SQRT2
-        elif row != column:
-            rows[place, first + _TENSOR[row, column]] = -_SQRT2
-        else:
-            for axis in range(3):
-                rows[place, first + _TENSOR[axis, axis]] = -0.5 if axis == row else 0.5
-            constants[place] = -margin
-    return rows, constants
+    rows[:, link * stride : link * stride + INERTIAL_COUNT] = scaled_triangle(pseudo_inertia(np.eye(INERTIAL_COUNT)))
+    return rows, scaled_triangle(np.diag([-margin, -margin, -margin, 0.0])[None])[:, 0]
+
+
+def scaled_triangle(matrices: FloatArray) -> FloatArray:
+    """(d (d + 1) / 2, k) upper triangles of symmetric matrices (k, d, d), column by column, as Clarabel takes them."""
+    columns, rows = np.tril_indices(matrices.shape[1])
+    return np.asarray((matrices[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))).T)
 
 
 def _gyration_rows(link: int, stride: int, size: int, rules: FeasibilityRules) -> tuple[FloatArray, FloatArray]:
     """I_kk ≤ m (r² + 2 l²) about the frame's origin: what the rule on the radius of gyration r leaves of it there."""
     rows = np.zeros((3, size))
-    for axis in range(3):
-        rows[axis, link * stride + _TENSOR[axis, axis]] = 1.0
-        rows[axis, link * stride] = -(rules.radius_of_gyration**2 + 2.0 * rules.center_of_mass**2)
+    rows[:, link * stride] = -(rules.radius_of_gyration**2 + 2.0 * rules.center_of_mass**2)
+    rows[range(3), link * stride + _DIAGONAL] = 1.0
     return rows, np.zeros(3)
 
 
 def _lifted_rows(link: int, stride: int, links: int) -> tuple[FloatArray, FloatArray]:
     """Rows of the scaled upper triangle of [[H, h], [hᵀ, m]]."""
-    size = links * stride
-    rows = np.zeros((10, size + 6 * links))
-    order = {entry: place for place, entry in enumerate(_TENSOR)}
-    for place, (row, column) in enumerate(_UPPER_4):
-        if (row, column) == (3, 3):
-            rows[place, link * stride] = 1.0
-        elif column == 3:
-            rows[place, link * stride + 1 + row] = _SQRT2
-        else:
-            rows[place, size + 6 * link + order[row, column]] = 1.0 if row == column else _SQRT2
+    first, lifted = link * stride, links * stride + 6 * link
+    rows = np.zeros((10, links * (stride + 6)))
+    rows[:, first : first + 4] = scaled_triangle(pseudo_inertia(np.eye(INERTIAL_COUNT)[:4]))
+    rows[:6, lifted : lifted + 6] = scaled_triangle(symmetric(np.eye(6)))
     return rows, np.zeros(10)
 
 
