@@ -6,6 +6,7 @@ Here: where the prior comes from, and the limit on torque as a term of the searc
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
@@ -16,9 +17,8 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
-from identification.excitation.limits import columns_of
 from identification.excitation.objective import Samples
-from identification.physical_parameters import PhysicalParameters
+from identification.physical_parameters import PhysicalParameters, symmetric
 from identification.robots import RobotModel
 
 _ROOM = 0.97
@@ -50,18 +50,16 @@ def nominal_parameters(robot: RobotModel, model_file: Path | None = None) -> Phy
             still,
             still.copy(),
         )
-    source = resources.files("identification.excitation.data").joinpath(f"nominal_{robot.name}.csv")
-    if not robot.name.isalnum() or not source.is_file():
-        return None
-    at = columns_of(source)
-    tensor = np.array([[at["xx"], at["xy"], at["xz"]], [at["xy"], at["yy"], at["yz"]], [at["xz"], at["yz"], at["zz"]]])
-    return PhysicalParameters(
-        at["mass"],
-        np.column_stack([at["x"], at["y"], at["z"]]),
-        tensor.transpose(2, 0, 1).copy(),
-        at["viscous"],
-        at["coulomb"],
-    )
+    return table_three() if robot.name == "iiwa14" else None
+
+
+def table_three() -> PhysicalParameters:
+    """Seven links in the frames of the paper's Table 1; tensors about the centres of mass, friction as in eq. (1)."""
+    with (resources.files("identification.robots.data") / "iiwa14_table3.csv").open(encoding="utf-8") as file:
+        rows = {name: np.array(values, dtype=np.float64) for name, *values in list(csv.reader(file))[1:]}
+    tensor = symmetric(np.column_stack([rows[f"I{entry}"] for entry in ("xx", "xy", "xz", "yy", "yz", "zz")]))
+    center = np.column_stack([rows[f"lC{axis}"] for axis in "xyz"])
+    return PhysicalParameters(rows["m"], center, tensor, rows["Fv"], rows["Fs"])
 
 
 def searched_base_values(robot: RobotModel, nominal: PhysicalParameters) -> FloatArray:

@@ -302,7 +302,7 @@ class FourierObjective:
 
 
 def achieved_figures(
-    base: BaseRegressor, trajectory: Trajectory, rate_hz: float = 100.0, noise_nm: FloatArray | None = None
+    base: BaseRegressor, trajectory: Trajectory, noise_nm: FloatArray | None = None
 ) -> dict[str, float]:
     """What a trajectory achieves at the paper's 100 Hz with the true sign().
 
@@ -312,7 +312,7 @@ def achieved_figures(
     cond is the ratio of the singular values of the (n S) × p matrix itself, not of its square; all by the regressor
     that fits use, not by the one the search differentiates.
     """
-    samples = max(1, round(trajectory.period_s * rate_hz))
+    samples = max(1, round(trajectory.period_s * 100.0))
     stacked, joint = base.stacked(*trajectory.evaluate(np.arange(samples) * (trajectory.period_s / samples)))
     figures: dict[str, float] = {"cond": np.inf, "samples": samples, "parameters": base.size}
     kinds = {"": stacked}

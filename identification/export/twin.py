@@ -7,9 +7,7 @@ with 10 mNm of noise, and what it leaves open stays at Table 3 itself.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -19,8 +17,8 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.nearest import nearest_physical
 from identification.estimators.prior import SettledParameters, prior_of_bodies, settle_open_directions
 from identification.excitation import default_trajectory
+from identification.excitation.nominal import table_three
 from identification.model_file import MODEL_FORMAT
-from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 
 ROBOT = "iiwa14"
@@ -28,16 +26,6 @@ SOURCE = "Table 3 of doi 10.1016/j.ifacol.2017.08.1208"
 STATES = 1000
 NOISE_NM = 0.01
 """As if Table 3's torque had been measured so well: ten times better than an iiwa's sensors."""
-
-
-def table_three() -> PhysicalParameters:
-    """Seven links in the frames of the paper's Table 1; tensors about the centres of mass, friction as in eq. (1)."""
-    with (resources.files("identification.robots.data") / "iiwa14_table3.csv").open(encoding="utf-8") as file:
-        rows = {name: np.array(values, dtype=np.float64) for name, *values in list(csv.reader(file))[1:]}
-    xx, xy, xz, yy, yz, zz = (rows[name] for name in ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"))
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1).copy()
-    center = np.column_stack([rows["lCx"], rows["lCy"], rows["lCz"]])
-    return PhysicalParameters(rows["m"], center, tensor, rows["Fv"], rows["Fs"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +59,7 @@ class Twin:
     def to_model_json(self) -> dict[str, Any]:
         """The arm as model.json."""
         physical = self.settled.physical
-        joints = range(physical.n)
+        joints = range(1, physical.n + 1)
         return {
             "format": MODEL_FORMAT,
             "robot": ROBOT,
@@ -83,14 +71,12 @@ class Twin:
             ],
             "physical_parameters": physical.to_json(),
             "friction": [
-                {
-                    "joint": joint + 1,
-                    "viscous": float(physical.viscous[joint]),
-                    "coulomb": float(physical.coulomb[joint]),
-                }
-                for joint in joints
+                {"joint": joint, "viscous": viscous, "coulomb": coulomb}
+                for joint, viscous, coulomb in zip(
+                    joints, physical.viscous.tolist(), physical.coulomb.tolist(), strict=True
+                )
             ],
-            "drives": [{"joint": joint + 1, "rotor_inertia": 0.0, "offset": 0.0} for joint in joints],
+            "drives": [{"joint": joint, "rotor_inertia": 0.0, "offset": 0.0} for joint in joints],
             "effects": [],
             "provenance": {
                 "source": SOURCE,
@@ -118,12 +104,5 @@ def twin_of_table_three() -> Twin:
         float(np.linalg.norm(settled.physical.center_of_mass - printed.center_of_mass, axis=1).max()),
         float(np.abs(settled.physical.inertia - printed.inertia).max()),
     )
-    return Twin(
-        settled,
-        base.names,
-        base.units,
-        np.sqrt(np.diag(covariance)),
-        np.sqrt(np.bincount(joint, difference**2) / np.bincount(joint)),
-        nearest.distance_nm,
-        moved,
-    )
+    distance = np.sqrt(np.bincount(joint, difference**2) / np.bincount(joint))
+    return Twin(settled, base.names, base.units, np.sqrt(np.diag(covariance)), distance, nearest.distance_nm, moved)

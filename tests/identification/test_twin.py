@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from daemon.cli.app import main
-from identification.export.twin import Twin, table_three, twin_of_table_three
+from identification.excitation.nominal import table_three
+from identification.export.twin import Twin, twin_of_table_three
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
