@@ -26,6 +26,7 @@ from identification.export.amended_files import (
     write_urdf_changes,
 )
 from identification.export.given_bodies import in_file_base, poses_at_zero
+from identification.physical_parameters import symmetric
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel, load_robot
 from identification.robots.simulator_models import drake_plant, read_simulator_model
@@ -147,8 +148,7 @@ def _body(numbers: dict[str, float], link: int, robot: RobotModel) -> FloatArray
     point = np.zeros((3, 3)) if not mass else (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
     if not any(name in numbers for name in _TENSOR):
         return moment_matrix(mass, moment, point)
-    xx, xy, xz, yy, yz, zz = (numbers.get(name, 0.0) for name in _TENSOR)
-    return moment_matrix(mass, moment, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return moment_matrix(mass, moment, symmetric(np.array([numbers.get(name, 0.0) for name in _TENSOR])))
 
 
 def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list[FloatArray]]:

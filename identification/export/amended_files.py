@@ -19,7 +19,8 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.arm import origin, root_link
-from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, place, roll_pitch_yaw
+from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw, sdf_pose
+from identification.physical_parameters import pseudo_inertia, symmetric
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +38,7 @@ class Changes:
 
 def moment_matrix(mass: float, moment: FloatArray, inertia: FloatArray) -> FloatArray:
     """(4, 4) pseudo-inertia of mass kg, first moment (3,) kg m and inertia (3, 3) kg m² about one origin."""
-    matrix = np.zeros((4, 4))
-    matrix[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    matrix[:3, 3] = matrix[3, :3] = moment
-    matrix[3, 3] = mass
-    return matrix
+    return np.asarray(pseudo_inertia(np.array([[mass, *moment, *inertia[np.triu_indices(3)]]]))[0])
 
 
 def _central(matrix: FloatArray, link: str, file: Path) -> tuple[float, FloatArray, FloatArray]:
@@ -64,10 +61,7 @@ def _pseudo(mass: float, center: FloatArray, about: FloatArray) -> FloatArray:
 
 
 def _tensor(entries: Mapping[str, float]) -> FloatArray:
-    tensor = np.zeros((3, 3))
-    for row, column, symbol in INERTIA_SYMBOLS:
-        tensor[row, column] = tensor[column, row] = entries.get(symbol, 0.0)
-    return tensor
+    return symmetric(np.array([entries.get(symbol, 0.0) for _, _, symbol in INERTIA_SYMBOLS]))
 
 
 def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> ElementTree.Element:
@@ -139,7 +133,7 @@ def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
         inertial = link.find("inertial")
         whole = added.copy()
         if inertial is not None:
-            pose = _sdf_pose(inertial)
+            pose = sdf_pose(inertial)
             entries = inertial.find("inertia")
             about = _tensor({} if entries is None else {item.tag: float(item.text or 0.0) for item in entries})
             whole += _pseudo(
@@ -166,18 +160,13 @@ def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
             element.text = number(max(0.0, float(element.text or 0.0) + more))
     if changes.turn is not None:
         model = next(root.iter("model"))
-        pose = pinocchio.SE3(changes.turn, np.zeros(3)) * _sdf_pose(model)
+        pose = pinocchio.SE3(changes.turn, np.zeros(3)) * sdf_pose(model)
         for stated in model.findall("pose"):
             model.remove(stated)
         element = ElementTree.Element("pose")
         element.text = numbers([*pose.translation, *roll_pitch_yaw(pose.rotation)])
         model.insert(0, element)
     tree.write(target, encoding="utf-8", xml_declaration=True)
-
-
-def _sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
-    words = element.findtext("pose", "0 0 0 0 0 0").split()
-    return place(" ".join(words[:3]), " ".join(words[3:]))
 
 
 def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:

@@ -19,7 +19,8 @@ from identification.arrays import FloatArray
 from identification.errors import ExportCheckError
 from identification.export.arm import root_link
 from identification.export.parameters import ModelParameters
-from identification.export.xml_text import place
+from identification.export.xml_text import INERTIA_SYMBOLS, sdf_pose
+from identification.physical_parameters import symmetric
 from identification.robots import RobotModel
 from identification.robots.simulator_models import InverseDynamics, drake_torque, pinocchio_torque
 from identification.robots.urdf_parser import parsed_urdf
@@ -145,23 +146,15 @@ def _pinocchio_sdf(path: Path, robot: RobotModel) -> Read | None:
             if joint.get("type") == "prismatic"
             else pinocchio.JointModelRevoluteUnaligned
         )
-        index[child] = model.addJoint(index[parent], kind(axis), _sdf_pose(joint), str(joint.get("name")))
+        index[child] = model.addJoint(index[parent], kind(axis), sdf_pose(joint), str(joint.get("name")))
         inertial = links[child].find("inertial")
         if inertial is None:
             raise ExportCheckError(f"{path}: link {child} has no inertia.", file=path, program="", difference_nm=np.inf)
-        xx, xy, xz, yy, yz, zz = (
-            float(str(inertial.findtext(f"inertia/{name}"))) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
-        pose = _sdf_pose(inertial)
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        body = pinocchio.Inertia(float(str(inertial.findtext("mass"))), np.zeros(3), tensor)
+        tensor = [float(str(inertial.findtext(f"inertia/{name}"))) for _, _, name in INERTIA_SYMBOLS]
+        pose = sdf_pose(inertial)
+        body = pinocchio.Inertia(float(str(inertial.findtext("mass"))), np.zeros(3), symmetric(np.array(tensor)))
         model.appendBodyToJoint(index[child], body, pose)
     return _by_pinocchio(model, robot, ())
-
-
-def _sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
-    words = (element.findtext("pose") or "0 0 0 0 0 0").split()
-    return place(" ".join(words[:3]), " ".join(words[3:]))
 
 
 def _mujoco(path: Path, robot: RobotModel) -> Read | None:

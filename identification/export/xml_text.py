@@ -40,6 +40,12 @@ def place(xyz: str | None, rpy: str | None) -> pinocchio.SE3:
     return pinocchio.SE3(pinocchio.rpy.rpyToMatrix(*angles), translation)
 
 
+def sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
+    """The pose that an element's <pose> of SDF states; the identity where absent."""
+    words = (element.findtext("pose") or "").split()
+    return place(" ".join(words[:3]), " ".join(words[3:]))
+
+
 def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
     """(3,) angles of Rz(yaw) Ry(pitch) Rx(roll), rad, of a rotation matrix."""
     return np.asarray(pinocchio.rpy.matrixToRpy(rotation), dtype=np.float64)
