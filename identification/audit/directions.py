@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
 
 from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, HEAVY, INERTIAL, PARAMETERS, Geometry, across
-from identification.audit.evidence import Products, between_parts, log_evidence, products_of
+from identification.audit.evidence import Products, between_parts, log_evidence, posterior, products_of
 
 POINTS = 80
 TANGENT_RAD = 5e-3
@@ -100,9 +99,7 @@ class Directions:
     def left(self, gravity: FloatArray, weight: FloatArray, width: FloatArray) -> FloatArray:
         """(n,) Nm RMS that free parameters leave, of these standard deviations (14 n,) beforehand."""
         gram, right = self.turned(self.products.summed(self.parts, weight), gravity)
-        factor = np.diag(width)
-        root = cho_factor(np.eye(factor.shape[1]) + factor.T @ gram @ factor)
-        own = factor @ cho_solve(root, factor.T @ right)
+        own = posterior(gram, right, np.diag(width)).values
         values = np.concatenate([own, np.outer(gravity, own[self._heavy]).ravel()])
         squares = self.products.left(self.parts, values, np.arange(len(values)))
         return np.asarray(np.sqrt(squares / np.maximum(self.products.counts(self.parts), 1.0)))

@@ -23,6 +23,7 @@ from identification.audit.evidence import Estimate, Products, as_they_scatter, p
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
 from identification.errors import EstimationError
+from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots.flange import Flange
@@ -203,8 +204,7 @@ def _physical(body: FloatArray, flange: Flange) -> FloatArray:
     """(10,) mass, centre and inertia about it in the flange's frame, of parameters about the last link's origin."""
     mass = body[0]
     center = body[1:4] / mass
-    tensor = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
-    about = tensor - mass * (center @ center * np.eye(3) - np.outer(center, center))
+    about = symmetric(body[4:INERTIAL]) - mass * (center @ center * np.eye(3) - np.outer(center, center))
     about = flange.tensor(about)
     entries = about[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return np.concatenate([[mass], flange.point(center), entries])
