@@ -196,11 +196,11 @@ class BaseRegressor:
             table[:, _INERTIAL_COUNT + symbols.index("FS")] = physical.coulomb
         return table.ravel()
 
-    def extra_of(self, full: FloatArray, symbol: str) -> FloatArray | None:
-        """Entries FV, FS, IA or OFF of all joints (n,) in dynamic parameters (full,); None if not among the options."""
+    def extra_of(self, full: FloatArray, symbol: str) -> FloatArray:
+        """Entries FV, FS, IA or OFF of all joints (n,) in dynamic parameters (full,); 0 if not among the options."""
         symbols = self.options.symbols
         if symbol not in symbols:
-            return None
+            return np.zeros(self.robot.n)
         return full.reshape(self.robot.n, -1)[:, _INERTIAL_COUNT + symbols.index(symbol)].copy()
 
     def _base_names(self) -> tuple[str, ...]:

@@ -30,7 +30,6 @@ LOCAL_BARRIER = 1e-4
 _MARGIN = 1e-9
 # kg m², asked for by a cut of full consistency.
 _CONSISTENCY_MARGIN = 1e-6
-_SMALLEST_RELATIVE_COST = 1e-8
 # Per kg, in units of the objective: settles masses that no torque depends on and nothing else.
 _PRICE_OF_MASS = 1e-6
 # Tried in turn, in typical sizes of the entries: how far inside the rules a start is put.
@@ -51,9 +50,7 @@ class ConstrainedProgram:
         self._rules = rules
         self._links = base.robot.n
         self._stride = INERTIAL_COUNT + len(base.options.symbols)
-        self.scale = max(
-            problem.residual_square, _SMALLEST_RELATIVE_COST * float(problem.projected @ problem.projected)
-        )
+        self.scale = problem.scale
         root = np.sqrt(self.scale)
         self._image = problem.triangular @ base.regrouping / root
         self._target = problem.projected / root
@@ -109,14 +106,12 @@ class ConstrainedProgram:
     def physical(self, y: FloatArray) -> PhysicalParameters:
         """The physical parameters μ that y stands for."""
         table = y.reshape(self._links, self._stride)
-        viscous, coulomb = self._base.extra_of(y, "FV"), self._base.extra_of(y, "FS")
-        none = np.zeros(self._links)
         return PhysicalParameters(
             mass=table[:, 0].copy(),
             center_of_mass=table[:, 1:4] / table[:, :1],
             inertia=symmetric(table[:, 4:INERTIAL_COUNT]),
-            viscous=none if viscous is None else viscous,
-            coulomb=none if coulomb is None else coulomb,
+            viscous=self._base.extra_of(y, "FV"),
+            coulomb=self._base.extra_of(y, "FS"),
         )
 
     def cost(self, y: FloatArray) -> float:

@@ -17,6 +17,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.errors import EstimationError, UndeterminedParametersError
 
 _RANK_TOLERANCE = 1e-10
+_SMALLEST_RELATIVE_COST = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +68,11 @@ class ReducedProblem:
     projected: FloatArray
     residual_square: float
     rows: int
+
+    @property
+    def scale(self) -> float:
+        """What programs count as 1: the smallest cost, or a small share of the squared torque where data are exact."""
+        return max(self.residual_square, _SMALLEST_RELATIVE_COST * float(self.projected @ self.projected))
 
     def cost(self, base_values: FloatArray) -> float:
         """Weighted sum of squared residuals of the base parameters (p,)."""

@@ -25,7 +25,6 @@ from identification.physical_parameters import INERTIAL_COUNT, PhysicalParameter
 
 _TENSOR, _DIAGONAL = slice(4, INERTIAL_COUNT), np.array([4, 7, 9])
 """XX … ZZ, and XX, YY, ZZ, among a link's ten entries."""
-_SMALLEST_RELATIVE_COST = 1e-8
 _SETTLING_TOLERANCE = 1e-6
 
 
@@ -206,9 +205,7 @@ class _ConicProgram:
         self._image = image
         self._centre = centre
         self._problem = problem
-        self._scale = max(
-            problem.residual_square, _SMALLEST_RELATIVE_COST * float(problem.projected @ problem.projected)
-        )
+        self._scale = problem.scale
         self._rows: list[FloatArray] = []
         self._bounds: list[FloatArray] = []
         self._cones: list[object] = []

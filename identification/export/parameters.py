@@ -127,11 +127,8 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         regressor = BaseRegressor(model.load_robot(), model.options)
         settled = _settled(model, regressor, prior)
         rotor, offset = (regressor.extra_of(settled.full, symbol) for symbol in ("IA", "OFF"))
-        none = np.zeros(settled.physical.n)
-        return ModelParameters(
-            settled.physical, none if rotor is None else rotor, none if offset is None else offset,
-            Origins(regressor.full_names, settled, regressor.names),
-        )  # fmt: skip
+        origins = Origins(regressor.full_names, settled, regressor.names)
+        return ModelParameters(settled.physical, rotor, offset, origins)
     if model.physical is None:
         raise ModelFileError(
             f"{model.path or 'The model'} holds base parameters only; fit without --no-physical to get the set of "

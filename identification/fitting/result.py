@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.constrained import ConstrainedResult
@@ -123,18 +121,14 @@ class FitResult:
         if self.consistent is None:
             return {}
         physical, shares = self.consistent.physical, self.consistent.from_data.tolist()
-        drives = {
-            name: np.zeros(physical.n) if (values := self.regressor.extra_of(self.consistent.full, symbol)) is None
-            else values
-            for name, symbol in (("rotor_inertia", "IA"), ("offset", "OFF"))
-        }  # fmt: skip
         return {
             "mass": physical.mass.tolist(),
             "com": physical.center_of_mass.tolist(),
             "inertia": physical.inertia.tolist(),
             "viscous": physical.viscous.tolist(),
             "coulomb": physical.coulomb.tolist(),
-            **{name: values.tolist() for name, values in drives.items()},
+            "rotor_inertia": self.regressor.extra_of(self.consistent.full, "IA").tolist(),
+            "offset": self.regressor.extra_of(self.consistent.full, "OFF").tolist(),
             "prior": self.consistent.prior,
             "from_data": dict(zip(self.regressor.full_names, shares, strict=True)),
             "misfit_sigma": self.consistent.misfit,
