@@ -104,12 +104,9 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
             "motion that turns the wrist through its range, without and with the tool."
         )
+    seconds = min(sum(item.duration_s for item in side) for side in (without, with_load))
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, min(map(_seconds, (without, with_load))))
-
-
-def _seconds(recordings: Sequence[Recording]) -> float:
-    return sum(recording.duration_s for recording in recordings)
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds)
 
 
 def half_interval(item: Number) -> float:

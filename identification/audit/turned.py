@@ -69,7 +69,7 @@ def turned_joint(
         return None
     rows = stated.rows
     # A torque that alone has the wrong sign is a rival, and `data_faults` names it.
-    torques = [_turned(rows.torque, joint) for joint in range(robot.n)]
+    torques = [rows.torque * np.where(np.arange(robot.n) == joint, -1.0, 1.0) for joint in range(robot.n)]
     rivals = [Directions.of(Geometry(robot, rows), torque) for torque in torques]
     best: TurnedJoint | None = None
     for joint in range(robot.n):
@@ -102,8 +102,3 @@ def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tupl
             if found > gain:
                 gain, best = found, (other, TurnedJoint(joint + 1, other is both, found))
     return best
-
-
-def _turned(values: FloatArray, joint: int) -> FloatArray:
-    """The columns with the other sign for one joint, counted from 0."""
-    return values * np.where(np.arange(values.shape[1]) == joint, -1.0, 1.0)
