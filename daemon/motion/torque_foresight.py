@@ -50,8 +50,7 @@ class TorqueForesight:
     def at_rest(self, position: FloatArray) -> FloatArray:
         """(n,) Nm that hold the arm at a position, (n,) rad."""
         still = np.zeros((1, self.regressor.robot.n))
-        held: FloatArray = np.asarray(self.regressor.matrix(position[None], still, still) @ self.values).reshape(-1)
-        return held
+        return np.asarray(self.regressor.matrix(position[None], still, still) @ self.values).reshape(-1)
 
     def along(self, table: FloatArray, sample_period_s: float) -> FloatArray:
         """(N, n) Nm along one period (N, n) rad that is repeated without a break, by eq. (5) with central differences.

@@ -39,8 +39,7 @@ def rest_null_space(harmonics: int) -> FloatArray:
     """Orthonormal basis N (2 L, 2 L - 3) of the coefficients that start at rest. Raises DesignError for L < 3."""
     if harmonics < 3:
         raise DesignError(f"a trajectory that starts at rest needs at least 3 harmonics, not {harmonics}")
-    basis: FloatArray = null_space(rest_at_start(harmonics))
-    return basis
+    return null_space(rest_at_start(harmonics))
 
 
 class PaperConstraints:
@@ -70,16 +69,14 @@ class PaperConstraints:
 
     def linear_rows(self) -> FloatArray:
         """Rows r with |r·c| ≤ 1 for each joint, (n, rows, 2 L): the box (14f, g)."""
-        rows: FloatArray = np.eye(self.box.shape[1]) / self.box[:, :, None]
-        return rows
+        return np.asarray(np.eye(self.box.shape[1]) / self.box[:, :, None])
 
     def excess(self, coefficients: FloatArray) -> FloatArray:
         """Largest ratio value / limit over (14d)-(14g) for each joint, (n,); above 1 is outside."""
         size = np.hypot(*np.split(coefficients, 2, axis=1))
         position = np.sum(size / self._order, axis=1) / (self._omega * self._reach)
         velocity = np.sum(size, axis=1) / self._velocity
-        ratios: FloatArray = np.maximum.reduce([position, velocity, np.max(np.abs(coefficients) / self.box, axis=1)])
-        return ratios
+        return np.asarray(np.maximum.reduce([position, velocity, np.max(np.abs(coefficients) / self.box, axis=1)]))
 
 
 class TrueConstraints:
@@ -113,8 +110,7 @@ class TrueConstraints:
     def excess(self, coefficients: FloatArray) -> FloatArray:
         """Largest ratio value / limit for each joint, (n,): an upper bound over all times, not only a grid's."""
         peaks = np.stack([np.max(np.abs(rows @ coefficients.T), axis=0) for rows in self._fine], axis=1)
-        ratios: FloatArray = self._between * np.max(peaks / self._bounds, axis=1)
-        return ratios
+        return np.asarray(self._between * np.max(peaks / self._bounds, axis=1))
 
     def _can_bind(self, kind: int) -> bool:
         """Whether acceleration limits can be reached within the velocity limits at all (fastest harmonic)."""
@@ -138,8 +134,7 @@ def repaired(coefficients: FloatArray, constraints: Constraints, basis: FloatArr
     excess = constraints.excess(projected)
     # A hair below 1 keeps the sums inside after they are recomputed in another order.
     factor = np.minimum(1.0, (1.0 - 1e-12) / np.maximum(excess, 1e-300))
-    shrunk: FloatArray = projected * factor[:, None]
-    return shrunk
+    return projected * factor[:, None]
 
 
 def verify(

@@ -198,8 +198,7 @@ class LocalSearch:
         coefficients = generator.normal(size=self._spread.shape) * self._spread
         coefficients = coefficients @ self._basis @ self._basis.T
         use = generator.uniform(0.6, 1.0, size=len(coefficients)) / self._constraints.excess(coefficients)
-        start: FloatArray = coefficients * use[:, None]
-        return start
+        return np.asarray(coefficients * use[:, None])
 
     def improve(
         self, coefficients: FloatArray, descent: Descent, time_is_up: Callable[[], bool] | None = None
@@ -239,8 +238,7 @@ class LocalSearch:
         return values[best], ends[best]
 
     def _coefficients(self, point: FloatArray) -> FloatArray:
-        coefficients: FloatArray = (point.reshape(self._shape) @ self._basis.T) * self._scale
-        return coefficients
+        return (point.reshape(self._shape) @ self._basis.T) * self._scale
 
     def _value(self, point: FloatArray) -> tuple[float, FloatArray]:
         value, gradient, _ = self._objective(self._coefficients(point), self._offset)

@@ -200,8 +200,7 @@ class ChainRegressor:
         skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
         skew -= skew.transpose(0, 2, 1)
         sin, cos = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
-        rotations: FloatArray = np.eye(3) + sin * skew + (1.0 - cos) * (skew @ skew)
-        return rotations
+        return np.eye(3) + sin * skew + (1.0 - cos) * (skew @ skew)
 
     @staticmethod
     def _wrench_columns(
