@@ -106,7 +106,7 @@ def build_findings(
     again = recurring(changes, (*changes, *(() if unseen is None else unseen.changes)))
     remarks += [_came_again(change) for change in again]
     findings = [
-        *_between([change for change in changes if change not in again], names),
+        *between_periods([change for change in changes if change not in again], names),
         *_repeatable(exam, trial, now, before, settled),
     ]
     claims = Claims(
@@ -277,15 +277,15 @@ def _place(
     return curve, where
 
 
-def _between(changes: Sequence[Change], names: Sequence[str]) -> list[Finding]:
-    """names: of each evidence's recording."""
+def between_periods(changes: Sequence[Change], names: Sequence[str]) -> list[Finding]:
+    """A finding of each change, which names its recording. names: of each evidence's recording."""
     found = []
     for change in changes:
         rms = np.sqrt((change.contribution**2).mean(axis=0).sum(axis=0))
         joints = [int(joint) + 1 for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0))]
         by_period = (change.contribution**2).sum(axis=(1, 2))
         periods = [int(period) for period in np.flatnonzero(by_period > 0.05 * by_period.max(initial=0.0))]
-        place, names = change.estimate.place, [change.effect.name, *(item.effect for item in change.alternatives)]
+        place, causes = change.estimate.place, [change.effect.name, *(item.effect for item in change.alternatives)]
         found.append(
             Finding(
                 effect=change.effect.name,
@@ -299,7 +299,7 @@ def _between(changes: Sequence[Change], names: Sequence[str]) -> list[Finding]:
                 significance=float(10.0 ** min(0.0, change.log10_chance)),
                 sentence=_sentence(change.effect.sentence(change.estimate), change.alternatives, checked=True),
                 alternatives=change.alternatives,
-                separating_experiment=separating_experiment(names) if change.alternatives else None,
+                separating_experiment=separating_experiment(causes) if change.alternatives else None,
                 where={"joint": place.joint, "joints": joints, "periods": periods, "recording": names[change.evidence]},
                 curve=_curve_over_periods(change),
             )

@@ -14,6 +14,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from identification.base_parameters import BaseRegressor
+from identification.mismatch import claims
 from identification.mismatch.changes import between_periods
 from identification.mismatch.changes.between_periods import Change, find_between_periods
 from identification.mismatch.effects.external_contact import ExternalContact
@@ -317,6 +318,16 @@ def test_subtracting_a_change_gives_the_mean_back(record) -> None:
     left = changed.torque - change.contribution.mean(axis=0) - clean.torque
     assert np.abs(left / changed.noise).max() < 3.0
     assert np.abs((changed.torque - clean.torque) / changed.noise).max() > 10.0
+
+
+def test_the_finding_of_each_change_names_the_recording_it_was_found_in(record) -> None:
+    def extra(time, q, dq, ddq):
+        return 0.3 * (time > 43.3)[:, None] * (np.arange(7) == 4)
+
+    change = _only(find_between_periods([record(extra)[1]], EFFECTS), "torque_sensor_drift")
+    recordings = ["first.mcap", "second.mcap"]
+    found = claims.between_periods([replace(change, evidence=number) for number in (0, 1, 0)], recordings)
+    assert [finding.where["recording"] for finding in found] == ["first.mcap", "second.mcap", "first.mcap"]
 
 
 def test_unit_forces_are_minus_the_transposed_jacobian(iiwa14: RobotModel, record) -> None:
