@@ -265,7 +265,7 @@ def _time_base(
         f"{name}: the time base is wrong: {source} says that samples were taken at {stated * ratio:.4g} Hz, not at the "
         f"stated {stated:.4g} Hz (ratio {ratio:.4g} ± {std:.2g})."
     )
-    return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio)
+    return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio, ratio_std=std)
 
 
 def clock_in_doubt(recording: Recording, regressor: BaseRegressor) -> tuple[float, float] | None:

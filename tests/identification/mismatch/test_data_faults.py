@@ -67,6 +67,8 @@ def test_a_wrong_clock_is_found_with_its_ratio(sound: Recording, faults, ratio: 
     found = faults(_stated_slower(sound, ratio, velocity=velocity))
     assert [fault.fault for fault in found] == ["wrong_time_base"]
     assert found[0].ratio == pytest.approx(ratio, rel=0.01)
+    assert found[0].ratio_std is not None
+    assert 0.0 < found[0].ratio_std < 0.01 * ratio
 
 
 def hidden_physics(q: np.ndarray, dq: np.ndarray, torque: np.ndarray, beside: np.ndarray) -> dict[str, np.ndarray]:
