@@ -30,7 +30,6 @@ from identification.fitting.estimate import Estimate
 from identification.fitting.misfit import misfit_over_noise, notes_on_joints_missed
 from identification.fitting.nominal_model import (
     NominalModel,
-    Progress,
     blocks_as,
     build_blocks,
     choose_nominal_model,
@@ -42,7 +41,7 @@ from identification.fitting.processing import Processed, check_recording
 from identification.fitting.provenance import provenance
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
-from identification.fitting.settings import FitSettings, Split
+from identification.fitting.settings import FitSettings, Progress, Split, silent
 from identification.fitting.torque_sign import TorqueSign, judge_torque_sign, notes_on_signs
 from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.joint_choice import for_robot
@@ -69,7 +68,7 @@ def fit_recordings(
     when a program with constraints has no solution.
     """
     settings = settings if settings is not None else FitSettings()
-    report = progress if progress is not None else _silent
+    report = progress if progress is not None else silent
     if not recordings:
         raise EstimationError("No recording was given to fit")
     refuse_repeated(recordings)
@@ -173,10 +172,6 @@ def _notes_on_fit(
     """Whether the recordings go together, and what was chosen of the model."""
     together = notes_on_agreement(model.blocks, least_squares.values, recording_names(recordings))
     return [*together, *notes_on_model(model.regressor, settings)]
-
-
-def _silent(phase: str, share: float) -> None:
-    """Progress that nobody watches."""
 
 
 def _with_torque_earlier(

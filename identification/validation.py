@@ -7,7 +7,7 @@ held-out rows is a setting of the fit (`Split`). Effects of a model file: `misma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from identification.errors import EstimationError
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable, rms_of_rows
-from identification.fitting.settings import OF_SIGNALS, FitSettings, Split
+from identification.fitting.settings import OF_SIGNALS, FitSettings, Progress, Split
 from identification.model_file import Model
 from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
@@ -37,8 +37,6 @@ __all__ = [
     "torque_left",
     "validate_model",
 ]
-
-Progress = Callable[[str, float], None]
 
 
 def validate_model(

@@ -6,7 +6,7 @@ the estimator on them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,12 +35,9 @@ from identification.fitting.processing import (
     process_whole_periods,
     process_without_periods,
 )
-from identification.fitting.settings import FitSettings, Split
+from identification.fitting.settings import FitSettings, Progress, Split
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of the whole that is done, 0 to 1."""
 
 SMALL_DELAY_S = 1e-3
 """A common delay up to this is a small change of the torque, which one column describes."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from numbers import Real
 from typing import Any, get_args
@@ -17,6 +17,12 @@ from identification.fitting.choices import Choice, DelayCorrection, Estimator, P
 OF_SIGNALS = ("low_pass_hz", "motion_bandwidth_hz", "torque_bandwidth_hz", "flip_torque")
 OF_PROCESSING = ("pipeline", "split", *OF_SIGNALS)
 """Settings that other recordings are processed by, too, when they are compared with the fit."""
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of the whole that is done, 0 to 1."""
+
+
+def silent(phase: str, share: float) -> None:
+    """Progress that nobody watches."""
 
 
 @dataclass(frozen=True, slots=True)

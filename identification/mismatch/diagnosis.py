@@ -20,7 +20,7 @@ from identification.audit.between import model_of_fit
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
-from identification.fitting.settings import Split
+from identification.fitting.settings import Progress, Split, silent
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.baseline import ModelComparison, compare_model
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
@@ -69,8 +69,6 @@ from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +122,7 @@ def diagnose(
     settings = settings if settings is not None else DiagnosisSettings()
     if not heldout:
         settings = replace(settings, provisional_score=settings.complete_score)
-    report = progress if progress is not None else _silent
+    report = progress if progress is not None else silent
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
     refuse_followers(robot, "diagnose")
@@ -393,7 +391,3 @@ def _baseline(
     low, high = (np.sqrt(np.maximum(excess + sign * 1.96 * deviation, 0.0)) for sign in (-1.0, 1.0))
     noise = np.where(np.isfinite(nominal.noise_floor_nm), nominal.noise_floor_nm, left.noise_floor_nm)
     return Baseline(nominal.rms_nm, noise, left.excess_nm, low, high, detected, measured)
-
-
-def _silent(phase: str, share: float) -> None:
-    """Progress that nobody watches."""
