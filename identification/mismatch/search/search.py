@@ -35,8 +35,8 @@ MOST_OF_IT = 0.5
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
-WORTH_RENEWING = 4.0
-"""Whitened squares that a new nominal torque must save in a step."""
+WORTH_RENEWING = 2.0
+"""Log-likelihood that a new nominal torque must bring in a step."""
 
 Renewal = Callable[[FloatArray], Library]
 
@@ -61,31 +61,27 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     nominal fit, which an effect that is not yet modelled bends; after each step it is taken from the extended fit, if
     the members then explain more.
     """
-    before = fitted(nominal, (), settings)
-    candidates = library.candidates()[0]
-    screen = build_screen(nominal, candidates)
-    trial = before
+    before = trial = fitted(nominal, (), settings)
+    # What is refined is chosen by the nominal fit's torque: anew for a torque that differs by a few per cent, all forms
+    # at all places would be half of a search.
+    screen = build_screen(nominal, library.candidates()[0])
     # Beyond few effects that explain all by the noise alone, names have to stand out from classes.
     most = settings.largest_explanation if nominal.noise_is_measured else settings.largest_findings
     while len(trial.members) < most:
         step = _step(trial, _beside(screen, trial), library, settings)
         if step is None:
             break
-        known = library
         trial = polished(nominal, step, library, settings)
         if nominal.noise_is_measured:
             trial = _exchanged(nominal, trial, screen, library, settings)
         trial, library = _seen_anew(nominal, trial, library, renewed, settings)
-        if library is not known:
-            candidates = library.candidates()[0]
-            screen = build_screen(nominal, candidates)
     if not nominal.noise_is_measured:
         trial = _exchanged(nominal, trial, screen, library, settings)
     trial, library = on_own_torque(nominal, trial, library, renewed, settings)
     trial = _on_every_joint(nominal, before, trial, library, settings)
     trial = pruned(nominal, trial, settings)
     trial, library = on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
-    return SearchResult(trial, before, library, candidates)
+    return SearchResult(trial, before, library, library.candidates()[0])
 
 
 def _on_every_joint(
@@ -134,7 +130,7 @@ def _seen_anew(
             members.append(Member(rows, member.selection))
         members = _regridded(nominal, members, other, settings)
         again = fitted(nominal, members, settings)
-        if again.squares > trial.squares - WORTH_RENEWING:
+        if _gain(again, trial) < WORTH_RENEWING:
             break
         library = other
         trial = polished(nominal, again, library, settings, alone=True)
@@ -216,6 +212,13 @@ def _step(trial: Trial, screen: Screen, library: Library, settings: DiagnosisSet
     return best if enough else None
 
 
+def _gain(trial: Trial, before: Trial) -> float:
+    """Log-likelihood by which a trial is better than another with the same members."""
+    if trial.nominal.noise_is_measured:
+        return 0.5 * (before.squares - trial.squares)
+    return trial.likelihood - before.likelihood
+
+
 def _best(trials: Sequence[Trial]) -> Trial:
     """The trial that leaves least for its size; where the noise is not measured the likeliest beside a background."""
     if trials[0].nominal.noise_is_measured:
@@ -235,7 +238,8 @@ def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], l
             continue
         if score < max(SMALLEST_SHARE_OF_BEST * best, GROWS * least) or len(chosen) >= SHORTLIST:
             break
-        chosen[key] = Member(rows, variant.selection)
+        if (own := library.rows(rows.effect, rows.place, rows.shape)) is not None:
+            chosen[key] = Member(own, variant.selection)
     return [refine(screen.problem, library, member) for member in chosen.values()]
 
 
