@@ -13,7 +13,7 @@ from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
 LEAST_SHARE = 0.15
-"""Of what a joint's torque lacks, that friction takes away on rows that it was not fitted to."""
+"""Of what an offset leaves of a joint's torque, that friction takes away on rows that it was not fitted to."""
 
 
 def foretold(
@@ -43,7 +43,8 @@ def lacking_friction(
             continue
         values = lsq_linear(columns[fitted], left[fitted, joint], (least, np.full(3, np.inf))).x
         stays = left[unseen, joint] - columns[unseen] @ values
-        whole = float(np.sum(left[unseen, joint] ** 2))
+        # An offset alone takes its part away as well, and has no place in a file.
+        whole = float(np.sum((left[unseen, joint] - left[fitted, joint].mean()) ** 2))
         share = 1.0 - float(stays @ stays) / whole if whole > 0.0 else 0.0
         scale = float(np.std(left[fitted, joint] - columns[fitted] @ values))
         std = scale * np.sqrt(np.diag(np.linalg.pinv(columns[fitted].T @ columns[fitted])))
@@ -62,7 +63,7 @@ def lacking_friction(
                 float("nan"),
                 "model",
                 f"The friction of joint {joint + 1} is another than {source} says: {text}: {100.0 * share:.0f} % of "
-                "what is left there.",
+                "what an offset leaves there.",
             )
         )
     return found

@@ -15,7 +15,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+from identification.audit.columns import Geometry
 from identification.audit.difference import Difference, Number
+from identification.audit.foretold import lacking_friction
+from identification.audit.rows import rows_of
 from identification.audit.sentences import turned_signs
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
@@ -255,3 +258,18 @@ def test_friction_is_read_off_the_torque_as_it_was_found_to_be(tmp_path: Path, p
         assert float(found.get("friction")) == pytest.approx(physical.coulomb[joint], rel=0.05)
         assert float(found.get("damping")) == pytest.approx(physical.viscous[joint], rel=0.05)
     assert not [said for said in written.amended.left if "constant torque" in said]
+
+
+def test_an_offset_is_no_friction(physical: PhysicalParameters) -> None:
+    """What it took away counted for friction, which was then written with whatever misfit made of it."""
+    robot, random = load_robot("iiwa14"), np.random.default_rng(7)
+    motion = fourier_motion(7, period_s=10.0, samples=2000, seed=5, speed=0.8)
+    position, torque = (np.tile(each, (4, 1)) for each in (motion[0], inverse_dynamics(robot, physical, *motion)))
+    geometry = Geometry(robot, rows_of([recording_of(position, torque, period_s=10.0, periods=4)]))
+    lacks = np.full(geometry.rows.velocity.shape, 1.0) + 0.08 * geometry.rows.velocity
+    lacks += random.normal(scale=0.2, size=lacks.shape)
+    assert lacking_friction(geometry, lacks, physical.viscous, physical.coulomb, "arm.urdf") == []
+    lacks += 0.5 * geometry.rows.direction
+    found = lacking_friction(geometry, lacks, physical.viscous, physical.coulomb, "arm.urdf")
+    assert [item.joint for item in found] == [1, 2, 3, 4, 5, 6, 7]
+    assert [item.numbers[1].value for item in found] == pytest.approx([0.5] * 7, abs=0.1)
