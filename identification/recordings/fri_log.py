@@ -185,11 +185,24 @@ def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings
 def _robot_time(
     clock: IntArray | None, steps: IntArray, send_period_ms: IntArray, findings: list[Finding]
 ) -> FloatArray:
-    """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period."""
+    """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period.
+
+    The counter also says how long it was where the clock leaps ahead by more than a recording can have lost.
+    """
+    counted = steps * send_period_ms * 1_000_000
     if clock is not None and np.all(np.diff(clock) > 0):
-        return np.asarray((clock - clock[0]) * 1e-9, dtype=np.float64)
+        elapsed = np.diff(clock)
+        leaps = np.flatnonzero(elapsed - counted > LONGEST_LOSS_S * 1e9)
+        if leaps.size:
+            sentence = (
+                f"the robot's clock was set ahead by {elapsed[leaps].max() * 1e-9:.4g} s; what passed there is its "
+                "sequence counter times the send period"
+            )
+            findings.append(Finding("clock_set", int(leaps[0]) + 1, int(leaps[-1]) + 2, leaps.size, sentence))
+            elapsed[leaps] = counted[leaps]
+        return np.asarray(np.concatenate([[0], np.cumsum(elapsed)]) * 1e-9, dtype=np.float64)
     sentence = (
         "the robot's time stamps are absent or do not advance; time is its sequence counter times the send period"
     )
     findings.append(Finding.of_all("no_robot_clock", len(steps) + 1, sentence))
-    return np.asarray(np.concatenate([[0], np.cumsum(steps * send_period_ms)]) * 1e-3, dtype=np.float64)
+    return np.asarray(np.concatenate([[0], np.cumsum(counted)]) * 1e-9, dtype=np.float64)

@@ -196,6 +196,17 @@ def test_a_log_without_metadata_still_knows_its_periods(tmp_path: Path) -> None:
     assert recording.period_s == pytest.approx(0.2)
 
 
+def test_a_clock_of_the_robot_that_is_set_ahead_makes_no_gap_of_years(tmp_path: Path) -> None:
+    """A cabinet that gets its time from the network. Half a billion seconds on a grid of 1 ms were 3.6 TiB."""
+    states = _states()
+    for state in states[600:]:
+        state["robot_time_sec"] += 500_000_000
+    recording = read_recording(_write_log(tmp_path / "run.mcap", states, METADATA))
+    np.testing.assert_allclose(recording.time, np.arange(ROWS) * 1e-3, atol=1e-9)
+    assert recording.report.of_kind("clock_set")[0].first_row == 600
+    assert not recording.report.of_kind("gap")
+
+
 @pytest.mark.parametrize(("earlier_ms", "noted"), [(5, "40"), (2, "100")])
 @pytest.mark.parametrize("clock", [True, False])
 def test_a_session_of_another_send_period_before_the_motion_changes_no_period(
