@@ -251,9 +251,8 @@ class _Acquisition:
         recorder = self._recorder
         if recorder is None or recorder.alive:
             return
-        part = len(self._parts) - 1
         self._listen(0.0)
-        if part in self._finished:
+        if len(self._parts) - 1 in self._finished or not recorder.process.returncode:  # then the loop is done as well
             return
         self._request_stop(EventCode.DISK_FULL if self._disk_failed else EventCode.RECORDER_LOST)
         self._replace_recorder(
@@ -282,13 +281,14 @@ class _Acquisition:
                 if time.monotonic() - self._last_heard > patience_s:
                     self._recorder.wait(0.0)
                 continue
-            self._listen(0.0)
+            self._listen(POLL_S)
             if len(self._parts) - 1 in self._finished:
                 self._recorder.close()
                 return
-            self._replace_recorder(
-                f"A recorder ended before its file was closed (return code {self._recorder.process.returncode})."
-            )
+            code = self._recorder.process.returncode
+            if not code and time.monotonic() - self._last_heard < STOPPED_S:
+                continue  # its last word is on its way to a supervisor that was held
+            self._replace_recorder(f"A recorder ended before its file was closed (return code {code}).")
 
     def _gone_unheard(self) -> bool:
         """Whether the folder went before any message of a robot came."""
