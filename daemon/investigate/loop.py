@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -213,16 +213,7 @@ class Investigation:
         inputs = inputs_of([read_recording(item.file) for item in (before, *own)])
         first, *after_it = inputs.recordings
         outcomes = what_it_told(last.action, first, after_it, found, inputs.robot, _mass(last.added_mass))
-        told = tuple(
-            Told(
-                action=item.action,
-                answer=item.answer,
-                settled=item.settled,
-                sentence=item.sentence,
-                recording=len(self.account.recordings),
-            )
-            for item in outcomes
-        )
+        told = tuple(Told(**asdict(item), recording=len(self.account.recordings)) for item in outcomes)
         for item in told:
             self._tell(item.sentence)
         self._keep(told=(*self.account.told, *told), heard=done)
