@@ -21,7 +21,7 @@ from identification.excitation import Trajectory
 from identification.export.parameters import ModelParameters
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
-from identification.fitting.rms import RmsRow, RmsTable
+from identification.fitting.rms import RmsRow, RmsTable, rms_of_rows
 from identification.fitting.settings import FitSettings
 from identification.json_values import json_list
 from identification.recordings import Recording
@@ -110,10 +110,10 @@ class Comparison:
     def position_rms(self) -> dict[str, FloatArray]:
         """(n,) RMS of position differences per joint, rad (m): simulated against commanded and against measured."""
         simulated = self.simulated_position
-        result = {"simulated minus commanded": _rms_of(simulated - self.reference_position)}
+        result = {"simulated minus commanded": rms_of_rows(simulated - self.reference_position)}
         if self.measured_position is not None:
-            result["simulated minus measured"] = _rms_of(simulated - self.measured_position)
-            result["measured minus commanded"] = _rms_of(self.measured_position - self.reference_position)
+            result["simulated minus measured"] = rms_of_rows(simulated - self.measured_position)
+            result["measured minus commanded"] = rms_of_rows(self.measured_position - self.reference_position)
         return result
 
     def to_json(self) -> dict[str, Any]:
@@ -142,9 +142,7 @@ class Comparison:
         return {name: values for name, values in named.items() if values is not None}
 
     def _rms(self, difference: FloatArray) -> FloatArray:
-        counted = np.where(self.compared, difference, np.nan)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.sqrt(np.nanmean(counted**2, axis=0)), dtype=np.float64)
+        return rms_of_rows(np.where(self.compared, difference, np.nan))
 
 
 def compare_with_recording(
@@ -267,7 +265,3 @@ def inverse_dynamics(
 
 def _longest(stretches: tuple[ProcessedSignals, ...]) -> ProcessedSignals:
     return max(stretches, key=lambda stretch: len(stretch.time))
-
-
-def _rms_of(values: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)), dtype=np.float64)

@@ -19,6 +19,7 @@ from identification.arrays import FloatArray, longest_run
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.fitting.blocks import shortest_solution
 from identification.fitting.torque_sign import positive_quantities
 from identification.mismatch.data_faults.rival_physics import beside, rival_physics
 from identification.mismatch.data_faults.torque_signs import SignRows, likeliest_signs
@@ -218,14 +219,6 @@ def _transposed(columns: FloatArray) -> FloatArray:
     return columns.transpose(0, 2, 1)
 
 
-def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
-    """Shortest least squares from normal equations."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    kept = values > _CUTOFF * values[-1]
-    return np.asarray((vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (right / scale)) / scale)
-
-
 def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
     joints = tuple(int(joint) + 1 for joint in np.flatnonzero(signs < 0.0))
     if not joints:
@@ -304,7 +297,7 @@ class _ClockCost:
             start=np.zeros_like(self.grams[0, 0]),
         )
         right = self.rights[0] + r * self.rights[1] + r**2 * self.rights[2]
-        values = _solve(gram, right)
+        values = shortest_solution(gram, right, _CUTOFF)
         return max(self.squares - float(values @ right), 1e-12 * self.squares), values
 
     def best(self) -> float:
