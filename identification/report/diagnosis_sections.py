@@ -23,10 +23,9 @@ _NOTABLE = 0.02
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
     names = listed([claim(finding) for finding in diagnosis.findings])
+    begin = ""
     if diagnosis.data_faults:
         begin = f"The recording itself is faulty: {diagnosis.data_faults[0].sentence.rstrip('.')}. "
-    else:
-        begin = ""
     detected = [str(joint + 1) for joint in np.flatnonzero(diagnosis.baseline.detected)]
     where = f" on {'joint' if len(detected) == 1 else 'joints'} {listed(detected)}" if detected else ""
     sentences = {
@@ -59,10 +58,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         for verdict in ("explained", "partly_explained"):
             sentences[verdict] += " No held-out recording has confirmed it."
     if not diagnosis.baseline.noise_is_measured:
-        begin += (
-            "The noise was not measured (a recording needs two periods or more): what of the misfit is noise cannot "
-        )
-        begin += "be told. "
+        begin += "The noise was not measured (a recording needs two periods or more): "
+        begin += "what of the misfit is noise cannot be told. "
         sentences["no_mismatch"] = "No missing physics is shown, and none is ruled out."
     return begin + sentences[diagnosis.verdict]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from identification.report.document import Document, Panel
@@ -23,7 +23,8 @@ def render(document: Document) -> str:
         # Each drawing names its clip paths; one page must not hold a name twice.
         return Markup(draw_panel(panel, f"panel-{next(numbers)}", sheets))
 
-    return _template().render(document=document, style=style, svg=svg) + "\n"
+    template = _environment().get_template("report.html")
+    return template.render(document=document, style=style, svg=svg) + "\n"
 
 
 @lru_cache(maxsize=1)
@@ -35,7 +36,3 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-
-
-def _template() -> Template:
-    return _environment().get_template("report.html")
