@@ -23,7 +23,7 @@ from identification.recordings.table import RawTable
 from identification.recordings.units import check_units, in_si
 from identification.robots import Installation, RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
-from identification.robots.same_arm import difference_of_arms
+from identification.robots.same_arm import OTHER_GRAVITY, difference_of_arms
 
 Tables = list[RawTable] | Recording
 READERS: dict[str, Callable[[Path], Tables]] = {".npz": read_npz, ".csv": read_csv, ".mcap": read_log, ".db3": read_log}
@@ -219,6 +219,9 @@ def _arm(
     if given is not None and model_robot is not None:
         _refuse_other_arm(path, given, model_robot)
     if found.robot is None:
+        if given is None and model_robot is not None and stood.gravity != ON_THE_FLOOR.gravity:
+            as_stated = Installation(stood.gravity, model_robot.locked_joints)
+            _refuse_other_arm(path, load_robot(model_robot.spec, installation or as_stated), model_robot)
         return given or model_robot, []
     assumed = installation or (stood if stood != ON_THE_FLOOR or model_robot is None else model_robot.installation)
     try:
@@ -245,6 +248,14 @@ def _arm(
 
 def _refuse_other_arm(path: Path, named: RobotModel, model_robot: RobotModel) -> None:
     difference = difference_of_arms(model_robot, named)
+    if difference == OTHER_GRAVITY:
+        there, here = (", ".join(f"{value:g}" for value in robot.gravity) for robot in (named, model_robot))
+        raise RecordingError.named(
+            path,
+            f"was made under gravity ({there}) m/s² in the frame of the base, the model under ({here}). If that is "
+            "not so, give the right --mount or --gravity, of an import where it is made",
+            field="gravity",
+        )
     if difference:
         raise RecordingError.named(
             path,

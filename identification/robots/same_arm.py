@@ -22,6 +22,7 @@ GRAVITY_TOLERANCE = 0.05
 """m/s²; a place on the ground."""
 FRAME_TOLERANCE = 2e-4
 """m, and rad: a description written with four decimals is the same."""
+OTHER_GRAVITY = "gravity in another direction of the base"
 SEED = 7
 STATES = 3
 
@@ -50,7 +51,7 @@ def difference_of_arms(one: RobotModel, other: RobotModel) -> str:
             )
     falls = [robot.gravity @ _axes(robot, np.zeros(robot.n))[0].T for robot in (one, other)]
     if np.abs(falls[0] - falls[1]).max() > GRAVITY_TOLERANCE:
-        return "gravity in another direction of the base"
+        return OTHER_GRAVITY
     return ""
 
 

@@ -143,6 +143,20 @@ def test_model_and_log_remember_how_the_robot_stands(tmp_path: Path, recording: 
         read_inputs([log, other])
 
 
+def test_a_stand_that_was_stated_without_a_robot_is_not_the_models(urdf: Path, recording: Path, tmp_path: Path) -> None:
+    """It was forgotten, and the model compared with torques under another gravity."""
+    with np.load(recording) as known:
+        np.savez(tmp_path / "b.npz", **{name: known[name] for name in known.files if name != "robot"})
+    for name, gravity in (("wall", WALL), ("ceiling", (0.0, 0.0, 9.81))):
+        stated = read_recording(tmp_path / "b.npz", installation=Installation(gravity))
+        assert stated.robot is None
+        write_recording(stated, tmp_path / f"{name}.mcap")
+    hangs = load_robot(urdf, INSTALLATION)
+    assert read_inputs([tmp_path / "wall.mcap"], model_robot=hangs).robot.installation == INSTALLATION
+    with pytest.raises(RecordingError, match=r"under gravity \(0, 0, 9.81\) m/s².*the model under \(9.81, 0, 0\)"):
+        read_inputs([tmp_path / "ceiling.mcap"], model_robot=hangs)
+
+
 def test_a_built_in_arm_can_hang_and_a_standing_one_says_nothing() -> None:
     hanging = load_robot("iiwa14", Installation.parse(mount="ceiling"))
     assert hanging.gravity.tolist() == [0.0, 0.0, 9.81]
