@@ -70,9 +70,10 @@ class JointTrend:
                 f"(odds {min(change.drift_odds, 1e6):.0f} : 1)."
             )
         if change.odds < ODDS_SAID:
+            sure = f" that is sure, which takes {ODDS_SAID:.0f} : 1" if change.odds > 1.0 else ""
             return (
-                f"Joint {self.joint}: friction {mean:.3g} Nm at {self.speed:.2g} rad/s, no change at once (odds of one "
-                f"{change.odds:.2g} : 1)."
+                f"Joint {self.joint}: friction {mean:.3g} Nm at {self.speed:.2g} rad/s, no change at once{sure} (odds "
+                f"of one {change.odds:.2g} : 1)."
             )
         return (
             f"Joint {self.joint}: friction changed by {change.size:+.3g} ± {1.96 * change.std:.2g} Nm at "

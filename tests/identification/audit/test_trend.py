@@ -11,7 +11,16 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from identification.audit.trend import SCATTERS, STEP_WIDTH, change_point, date_of, hours_of, trend_of, with_hours
+from identification.audit.trend import (
+    SCATTERS,
+    STEP_WIDTH,
+    JointTrend,
+    change_point,
+    date_of,
+    hours_of,
+    trend_of,
+    with_hours,
+)
 from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
@@ -186,3 +195,15 @@ def test_dates_come_from_the_run_or_from_the_file(series: list[Recording]) -> No
     assert date_of(impossible) == datetime(1, 1, 1, tzinfo=UTC)
     unsaid = replace(series[0], source=replace(series[0].source, metadata={}))
     assert date_of(unsaid) is None
+
+
+@pytest.mark.parametrize(
+    ("step", "said"), [(0.4, "no change at once that is sure, which takes 20 : 1"), (0.0, "no change at once (")]
+)
+def test_a_likely_change_is_not_said_to_be_none(step: float, said: str) -> None:
+    """Of a step with odds of 14 : 1 it was said that there is no change at once."""
+    values = 9.225 + np.array([0.003, -0.003, 0.0, step - 0.001, step - 0.005, step])
+    change = change_point(values, np.full(6, 0.004))
+    assert change.odds < 20.0
+    assert (change.odds > 1.0) == (step > 0.0)
+    assert said in JointTrend(2, 0.41, values, np.full(6, 0.004), np.full(6, np.nan), change).sentence("abcdef")
