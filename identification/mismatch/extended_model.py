@@ -61,8 +61,20 @@ def extended_model(
     return {
         **model,
         "base_parameters": extended["base_parameters"],
+        "base_covariance": _with_deviations(
+            model["base_covariance"], [item["std"] for item in extended["base_parameters"]]
+        ),
         "effects": extended["effects"],
         **({} if terms is None else {"class_terms": terms}),
         "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }
+
+
+def _with_deviations(rows: Sequence[Sequence[float]], std: Sequence[float | None]) -> list[list[float]]:
+    """Rows of the lower triangle with these deviations, correlations as they are: a fit to what the effects leave takes
+    these for known, and parameters that an effect trades with are less sure than it says.
+    """
+    scale = np.array([(own or 0.0) / float(np.sqrt(row[-1])) for own, row in zip(std, rows, strict=True)])
+    scale[scale <= 0.0] = 1.0
+    return [(scale[place] * scale[: place + 1] * np.array(row)).tolist() for place, row in enumerate(rows)]

@@ -192,6 +192,10 @@ def test_a_diagnosed_model_of_the_emps_is_ranked_by_all_that_it_predicts(tmp_pat
     plain = write_model(fit_recordings([first], robot).to_model_json(), tmp_path / "plain.json")
     data = extended_model(diagnose([first], robot, heldout=[second]), [first], robot)
     assert data["class_terms"]["terms"]
+    # One deviation of a parameter in the file, not two: its fit took the torque without a name for known.
+    assert [row[-1] ** 0.5 for row in data["base_covariance"]] == pytest.approx(
+        [item["std"] for item in data["base_parameters"]], rel=1e-9
+    )
     best, other = leaderboard([plain, write_model(data, tmp_path / "extended.json")], [second], robot)
     assert Path(best.name).name == "extended.json"
     assert best.rms is not None
