@@ -25,6 +25,7 @@ from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.signals.aperiodic import cutoff_as_far_as
 from identification.signals.processed import ProcessedSignals
 
 __all__ = [
@@ -169,11 +170,14 @@ def cross_validate(
 def as_fitted(noted: Mapping[str, Any], recording: Recording) -> FitSettings:
     """The settings of a fit as far as they concern how a recording is processed.
 
-    A recording without whole periods goes through the pipeline for such ones, whatever the fitted ones had.
+    A recording without whole periods goes through the pipeline for such ones, whatever the fitted ones had, and is
+    compared up to what its rate allows.
     """
     pipeline = noted.get("pipeline", "auto")
     if noted.get("split") is not None:
         pipeline = "aperiodic"
     elif pipeline == "periodic" or not recording.is_periodic:
         pipeline = "auto"
-    return FitSettings(pipeline=pipeline, **{name: noted[name] for name in OF_SIGNALS if name in noted})
+    signals = {name: noted[name] for name in OF_SIGNALS if name in noted}
+    signals["low_pass_hz"] = cutoff_as_far_as(signals.get("low_pass_hz"), recording.sampling_period_s)
+    return FitSettings(pipeline=pipeline, **signals)

@@ -17,7 +17,6 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, plain_name
 from identification.errors import ModelFileError, RecordingError
-from identification.fitting.band import within_rate
 from identification.fitting.settings import Split
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.effects import effect_named
@@ -31,6 +30,7 @@ from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import Installation, RobotModel
 from identification.robots.simulator_models import read_with_drives
+from identification.signals.aperiodic import cutoff_as_far_as
 from identification.validation import RmsTable, validate_model
 
 EffectJson = Mapping[str, Any]
@@ -143,8 +143,8 @@ def left_to_parameters(
     left = []
     for recording in recordings:
         upright = replace(recording, torque=sign * recording.torque)
-        own_band = None if band is None else within_rate(band, recording)
-        torque = sign * without_effects(upright, effects, regressor, values, own_band, terms).torque
+        low_pass_hz = cutoff_as_far_as(band, recording.sampling_period_s)
+        torque = sign * without_effects(upright, effects, regressor, values, low_pass_hz, terms).torque
         measured = np.ptp(recording.torque, axis=0) > 0.0
         left.append(replace(recording, torque=np.where(measured, torque, recording.torque)))
     return tuple(left)

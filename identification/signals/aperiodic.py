@@ -55,6 +55,12 @@ def cutoff_of(low_pass_hz: float | None, sampling_period_s: float) -> float:
     return low_pass_hz
 
 
+def cutoff_as_far_as(low_pass_hz: float | None, sampling_period_s: float) -> float | None:
+    """The cutoff that other recordings had, Hz; an eighth of the sampling rate where this rate is too low for it."""
+    rate = 1.0 / sampling_period_s
+    return low_pass_hz if low_pass_hz is None or low_pass_hz < rate / 2.5 else rate / 8.0
+
+
 def process_aperiodic(recording: Recording, low_pass_hz: float | None = None) -> list[ProcessedSignals]:
     """Every usable piece of a recording, filtered alike on both sides. low_pass_hz: as in `cutoff_of`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ import pytest
 from identification.errors import EstimationError
 from identification.fitting.misfit import notes_on_joints_missed, notes_on_models_contradicted
 from identification.fitting.rms import RmsRow, RmsTable
+from identification.mismatch.prediction import validate_with_effects
+from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
-from identification.recordings import Recording
+from identification.recordings import Recording, read_recording
 from identification.robots import load_robot
 from identification.validation import cross_validate, validate_model
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of, table_three
+from tests.reference import recording_file
 
 BASE_ONLY = FitSettings(physical=False)
 NOISE_NM = 0.05
@@ -87,3 +91,20 @@ def test_a_warning_of_a_joint_that_is_missed_says_which_parameters_miss_it() -> 
     assert "800 %" in said
     (said,) = notes_on_joints_missed(RmsTable((RmsRow("fit, base", far, torque, noise),)))
     assert said.startswith("WARNING, the model describes nothing of joint 2")
+
+
+@pytest.mark.parametrize("effects", [False, True])
+def test_a_slower_recording_is_compared_up_to_what_its_rate_allows(tmp_path: Path, effects: bool) -> None:
+    """The band of the fit did not fit it, and the refusal advised another one, which nobody can give here."""
+    first, second = (read_recording(recording_file(f"emps_{name}.npz")) for name in "ab")
+    robot = load_robot(recording_file("emps.urdf"))
+    data = fit_recordings([first], robot, replace(BASE_ONLY, low_pass_hz=20.0)).to_model_json()
+    if effects:
+        model = {"other_joint": None, "shape": {}, "coefficients": [0.0]}
+        data["effects"] = [{"effect": "asymmetric_viscous_friction", "joint": 1, "link": None, "model": model}]
+    model = read_model(write_model(data, tmp_path / "model.json"))
+    slow = second.rows(np.arange(second.samples) % 25 == 0)
+    slow = replace(slow, sampling_period_s=25.0 * second.sampling_period_s)
+    assert 1.0 / slow.sampling_period_s / 2.5 < 20.0
+    # 4.4 % at the full rate; every 25th row has the noise of all frequencies in its band.
+    assert validate_with_effects(model, [slow]).rows[0].percent[0] < 15.0
