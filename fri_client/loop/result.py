@@ -12,6 +12,7 @@ from typing import Literal
 from fri_client.handover.last_samples import LastSamples
 from fri_client.messages import SessionState
 from fri_client.motion.program import MotionProgram, StopKind
+from fri_client.session.refusal import refusal_sentence
 from fri_client.session.session import Session
 
 Outcome = Literal["completed", "stopped", "dropped", "no_robot", "not_started", "version_mismatch", "refused", "fault"]
@@ -148,6 +149,12 @@ def explain(
         f"No FRI message arrived within {settings.start_timeout_s:g} s: "
         "start the FRI application on the robot and check the address it sends to."
     )
+    if session.refusal is not None:
+        why = refusal_sentence(session.refusal, session.refusal_joint, session.refusal_value)
+        sentence = (
+            f"FRI messages arrive, but within {settings.start_timeout_s:g} s none could be used: the last one was "
+            f"refused because {why}."
+        )
     return LoopResult(outcome, outcome, sentence)
 
 

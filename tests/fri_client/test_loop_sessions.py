@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any
 
@@ -232,6 +233,18 @@ def test_no_robot_and_a_robot_that_gives_no_command_end_with_different_sentences
         result = client.finish()
     assert result.outcome == "not_started"
     assert "MONITORING_READY" in result.sentence
+
+
+def test_a_robot_whose_every_message_is_refused_is_not_called_silent() -> None:
+    """The operator was told to start an application that was running."""
+    with running(settings=LoopSettings(start_timeout_s=0.2)) as (client, robot):
+        while client.thread.is_alive():
+            robot.send(WAIT, measured=(*REST[:2], math.nan, *REST[3:]))
+            threading.Event().wait(0.001)
+        result = client.finish()
+    assert result.outcome == "no_robot"
+    assert "No FRI message arrived" not in result.sentence
+    assert "because the measured joint position of joint 3 is nan, which is impossible" in result.sentence
 
 
 def test_a_session_closed_before_a_motion_says_where_it_was_and_how_good_it_was() -> None:
