@@ -87,7 +87,7 @@ def _usable(observation: LinkObservation) -> tuple[list[MonitoringMessage], Doct
         why = refusal_sentence(session.refusal or 0, session.refusal_joint, session.refusal_value)
     if not refused:
         return usable, None
-    sentence = f"{refused} of the newest {known} messages cannot be used: {why}."
+    sentence = f"{refused} of the newest {known} messages cannot be used, the last one because {why}."
     return usable, DoctorCheck("messages", "failed", sentence, "look at the cabinet; a run uses no such message.")
 
 

@@ -123,9 +123,9 @@ def test_messages_that_a_run_would_refuse_are_told_and_say_nothing_of_a_load(val
     bad = tuple((0.001 * k, SENDER, producer.monitoring(k, value)) for k in range(40))
     found = {check.name: check for check in check_link(LinkObservation(bad, 0.041), "127.0.0.1", 1)}
     assert found["messages"].status == "failed"
-    assert f"40 of the newest 40 messages cannot be used: the measured joint position of joint 1 {words}" in (
-        found["messages"].sentence
-    )
+    told = found["messages"].sentence
+    assert told.startswith("40 of the newest 40 messages cannot be used, the last one because")
+    assert f"the measured joint position of joint 1 {words}" in told
     assert "load data" not in found
     good = link(list(range(40)), [0.001 * k for k in range(40)])
     assert "messages" not in {check.name for check in check_link(good, "127.0.0.1", 1)}
