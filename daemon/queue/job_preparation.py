@@ -69,6 +69,11 @@ class Preparation:
         """The verdict, and the request of a motion that is safe; never raises for what the disk or the motion does."""
         try:
             process = self._start()
+        except FileExistsError as error:
+            sentence = (
+                f"{error.filename} is there already and belongs to another service or run: submit this one again."
+            )
+            return Verdict(safe=False, sentence=sentence, exit_code=74), None
         except OSError as error:
             return Verdict(safe=False, sentence=f"{self._folder}: {error.strerror}.", exit_code=74), None
         if process is None:
@@ -100,8 +105,14 @@ class Preparation:
         self._folder.mkdir(parents=True, exist_ok=True)
         for name in (REQUEST_NAME, VERDICT_NAME):
             (self._folder / name).unlink(missing_ok=True)
-        job_file = self._folder / "preparation.json"
+        job_file, out = self._folder / "preparation.json", Path(self._job.out_dir)
+        is_first = not job_file.exists()
         write_json(job_file, self._job)
+        if is_first and out != self._folder:
+            # Two services with one folder for output may give two runs one number in the same millisecond: the table
+            # and the cell of one arm must not take the place of another's.
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.mkdir()
         with self._lock:
             if not self._cancelled:
                 self._process = start_python(
