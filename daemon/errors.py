@@ -36,7 +36,7 @@ def exit_code_of(error: BaseException) -> int:
         return EXIT_MISSING_INPUT
     if isinstance(error, UnicodeEncodeError):
         return EXIT_CONFIGURATION
-    return EXIT_INPUT_OUTPUT if isinstance(error, OSError) else EXIT_INTERNAL
+    return EXIT_INPUT_OUTPUT if isinstance(error, OSError | MemoryError) else EXIT_INTERNAL
 
 
 def sentence_of(error: Exception) -> str:
@@ -47,6 +47,8 @@ def sentence_of(error: Exception) -> str:
         return f"'{around}' is no UTF-8 text, and no result can name it: give that file or folder another name."
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}." if error.filename is not None else f"{error.strerror}."
+    if isinstance(error, MemoryError):
+        return f"There is not enough memory for this ({str(error).rstrip('.') or 'no more is given'})."
     return str(error) or type(error).__name__
 
 

@@ -142,7 +142,7 @@ def _diagnose(job: WorkerJob, inputs: Inputs, status: StatusFile) -> str:
 
 def _said(error: Exception) -> tuple[str, int]:
     """What an error says to an operator, and its exit code; the place of one that nobody expected goes to the log."""
-    if isinstance(error, OSError):
+    if isinstance(error, OSError | MemoryError):
         return sentence_of(error), 74
     code = getattr(error, "exit_code", None)
     if code is None:

@@ -23,7 +23,7 @@ from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
 from daemon.cli.service import show_jobs
 from daemon.cli.terminal import wrapped
-from daemon.errors import sentence_of
+from daemon.errors import exit_code_of, sentence_of
 from daemon.queue.control_api import JobView
 from identification.fitting.rms import RmsRow, RmsTable
 
@@ -192,6 +192,13 @@ def test_the_operating_systems_errors_have_no_number() -> None:
     assert sentence_of(missing.value) == "/no/such/folder/model.json: No such file or directory."
     assert sentence_of(OSError(28, "No space left on device")) == "No space left on device."
     assert sentence_of(ValueError("joint 8 of 7")) == "joint 8 of 7"
+
+
+@pytest.mark.parametrize("words", ["", "Unable to allocate 3.64 TiB"])
+def test_memory_that_is_not_there_is_no_fault_of_the_program(words: str) -> None:
+    assert exit_code_of(MemoryError(words)) == 74
+    assert sentence_of(MemoryError(words)).startswith("There is not enough memory for this (")
+    assert words in sentence_of(MemoryError(words))
 
 
 def test_a_log_has_one_line_a_phase_and_a_terminal_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
