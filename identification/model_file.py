@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +102,14 @@ class Model:
             field = "provenance.torque_shift_s"
             raise self.error(f"field '{field}' has {len(shift)} numbers, the robot {joints} joints", field)
         return np.array(shift, dtype=np.float64)
+
+    def regressor(self, robot: RobotModel) -> BaseRegressor:
+        """Of these base parameters: as the robot stands, or as the model's own stood where that shows others."""
+        regressor = BaseRegressor(robot, self.options)
+        if set(self.names) == set(regressor.names):
+            return regressor
+        its_stand = Installation.from_json(self.data.get("installation")).gravity
+        return BaseRegressor(replace(robot, gravity=np.array(its_stand)), self.options)
 
     def base_values(self, regressor: BaseRegressor) -> FloatArray:
         """(p,) base parameters in the order of a regressor.

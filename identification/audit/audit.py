@@ -23,11 +23,9 @@ from identification.audit.rows import REPEATED, rows_of
 from identification.audit.search import Audited, search
 from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
-from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.model_file import Model
 from identification.recordings.recording import Recording
-from identification.robots.installation import Installation
 from identification.robots.model import RobotModel, refuse_followers
 from identification.robots.simulator_models import read_with_drives
 
@@ -127,13 +125,8 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
     if isinstance(model, Path):
         regressor, values = read_with_drives(model, robot)
     else:
-        regressor = BaseRegressor(robot, model.options)
-    options = regressor.options
-    if isinstance(model, Model) and set(model.names) != set(regressor.names):
-        # Another stand shows other parameters: those of the model are of the stand that it was made on.
-        its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
-        regressor = BaseRegressor(replace(robot, gravity=its_stand), options)
-    rows = rows_of(recordings, options.coulomb_velocity)
+        regressor = model.regressor(robot)
+    rows = rows_of(recordings, regressor.options.coulomb_velocity)
     sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
     if isinstance(model, Model):
         given = given_model(model, regressor, sizes, called or Path(model.path or "the model").name)

@@ -28,7 +28,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
-from identification.robots import Installation, RobotModel
+from identification.robots import RobotModel
 from identification.robots.simulator_models import read_with_drives
 from identification.signals.aperiodic import cutoff_as_far_as
 from identification.validation import RmsTable, validate_model
@@ -131,12 +131,7 @@ def left_to_parameters(
     effects, terms = acting(model)
     if isinstance(model, Path) or (not effects and terms is None):
         return tuple(recordings)
-    robot = model.load_robot() if robot is None else robot
-    regressor = BaseRegressor(robot, model.options)
-    if set(model.names) != set(regressor.names):
-        # Another stand shows other parameters: those of the model are of the stand that it was made on.
-        its_stand = np.array(Installation.from_json(model.data.get("installation")).gravity)
-        regressor = BaseRegressor(replace(robot, gravity=its_stand), model.options)
+    regressor = model.regressor(model.load_robot() if robot is None else robot)
     values = model.base_values(regressor)
     band = model.data.get("provenance", {}).get("settings", {}).get("low_pass_hz")
     sign = -1.0 if model.turns_torque else 1.0
