@@ -112,7 +112,7 @@ def bag_files(folder: Path) -> tuple[Path, ...]:
         for file in entries_of(folder)
         if file.name.removesuffix(COMPRESSED).endswith(BAG_SUFFIXES) and file.is_file()
     ]
-    names = list(dict.fromkeys(_name_of_bag(file.name) for file in files))
+    names = list(dict.fromkeys(_number_parts(file.name)[0] for file in files))
     if len(names) > 1:
         raise RecordingError.at(
             folder,
@@ -135,16 +135,11 @@ def entries_of(folder: Path) -> list[Path]:
     return found
 
 
-def _name_of_bag(file: str) -> str:
-    stem = file.split(".")[0]
-    head, _, tail = stem.rpartition("_")
-    return head if tail.isdigit() else stem
-
-
 def _number_parts(name: str) -> list[str]:
+    """Name of the bag, number of the file in it, name of the file."""
     stem = name.split(".")[0]
     head, _, tail = stem.rpartition("_")
-    return [head, tail if tail.isdigit() else "0", name]
+    return [head, tail, name] if tail.isdigit() else [stem, "0", name]
 
 
 def read_bag(files: tuple[Path, ...], path: Path) -> Bag:

@@ -226,7 +226,7 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
     columns = list(choice.columns)
     changes: dict[str, Any] = {name: _columns(getattr(table, name), columns) for name in ("position", "torque")}
     optional = {name: _columns(values, columns) for name, values in table.optional.items()}
-    findings, time, period = list(table.findings), table.time, table.period_index
+    findings, time = list(table.findings), table.time
     in_si = table.units.get("q", "rad") in ("rad", "m")  # where it is not, `--lock` and the column are of two units
     held_by, rows = robot if in_si else None, table.time.shape[0]
     findings += _left_out(table.path, choice, table.joint_names, table.position, held_by, rows)
@@ -249,9 +249,8 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
         optional = {name: values[mine] for name, values in optional.items()}
         time = time[mine]
     return replace(
-        table, time=time, optional=optional, period_index=period, joint_names=choice.names, named=None,
-        findings=findings, **changes,
-    )  # fmt: skip
+        table, time=time, optional=optional, joint_names=choice.names, named=None, findings=findings, **changes
+    )
 
 
 def _columns(values: Any, columns: list[int]) -> Any:
