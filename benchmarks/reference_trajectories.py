@@ -23,7 +23,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daemon.motion.preparation import is_safe_motion, prepare_motion
+from daemon.motion.clearance import safe_in
+from daemon.motion.preparation import prepare_motion
+from daemon.motion.workspace import load_surroundings
 from daemon.run.demonstration import record
 from identification.excitation import iiwa_limits
 from identification.excitation.reference import REFERENCE_KINDS, reference_trajectory
@@ -64,8 +66,9 @@ def main() -> None:
 
 def recorded(kind: str, number: int, folder: Path, seed: int, periods: int) -> Recording:
     """One trajectory from file to recording."""
+    acceptable = safe_in(load_surroundings("iiwa14"), "iiwa14", None)
     trajectory = reference_trajectory(
-        kind, iiwa_limits("iiwa14"), seed, robot=load_robot("iiwa14"), acceptable=is_safe_motion
+        kind, iiwa_limits("iiwa14"), seed, robot=load_robot("iiwa14"), acceptable=acceptable
     )
     folder.mkdir(parents=True, exist_ok=True)
     file, log = folder / f"{kind}.json", folder / kind / "recording.mcap"

@@ -146,12 +146,6 @@ def start_row_of(table: NDArray[np.float64], lead_in_s: float) -> int:
     return (len(table) - round(lead_in_s * TABLE_RATE_HZ)) % len(table)
 
 
-def is_safe_motion(trajectory: Trajectory) -> bool:
-    """Whether the preflight accepts a trajectory of a built-in arm, which it names."""
-    table = trajectory.table(TABLE_RATE_HZ)
-    return check_table(table, trajectory.robot, foresight=torque_foresight(trajectory.robot)).safe
-
-
 def write_run_request(motion: PreparedMotion, out_dir: Path, **settings: Any) -> RunRequest:
     """Write table, trajectory, workspace and preflight into the run's folder; the request that points to them.
 
