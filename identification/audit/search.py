@@ -237,7 +237,8 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
 def _explained(now: Explanation, after: Explanation, first: Explanation) -> float:
     """Of the first difference, what a step takes away on each part of the recording by what the other parts say of it.
 
-    The step by itself, with the parameters at the model's values. Zero where that is not beyond its own uncertainty,
+    The step by itself, with the parameters at the model's values; of what there was before it where that is more, as
+    one cause may have hidden the other. Zero where that is not beyond its own uncertainty,
     the scatter of the parts, or where the step takes nothing away beside parameters that are free: then it is not seen.
     """
     weight = 1.0 / now.noise.std**2
@@ -245,7 +246,7 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     alone, beside = (
         (same_day.foretold(ALL, by_itself) - after.foretold(ALL, by_itself)) @ weight for by_itself in (True, False)
     )
-    whole = float(first.foretold(ALL, True).sum(axis=0) @ weight)
+    whole = max(float(each.foretold(ALL, True).sum(axis=0) @ weight) for each in (first, same_day))
     if min(alone.sum(), beside.sum()) <= 0.0 or max(_deviations(alone), _deviations(beside)) < EXPLAINS or whole <= 0.0:
         return 0.0
     return float(alone.sum()) / whole
