@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def band_of_motion(recording: Recording) -> float:
     Noise of the position is none: in velocity it grows with the frequency, and a coarse encoder's is soon a twentieth.
     """
     step = recording.sampling_period_s
-    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
+    position = _on_a_grid(recording)
     window = np.hanning(len(position))[:, None]
     lines = np.abs(np.fft.rfft(np.gradient(position, axis=0) * window, axis=0)) ** 2
     frequency = np.arange(len(lines)) / (len(position) * step)
@@ -152,12 +153,21 @@ def position_noise(recording: Recording) -> FloatArray:
     below the frequency of its steps, and a fast sampling leaves little of it in the upper half.
     """
     step = recording.sampling_period_s
-    _, position, _ = uniform_grid(recording.time, recording.position, recording.torque, step)
+    position = _on_a_grid(recording)
     window = np.hanning(len(position))[:, None]
     power = 2.0 * step * np.abs(np.fft.rfft(position * window, axis=0)) ** 2 / (window**2).sum()
     # Of a sum of two squares the median is log 2 of the mean.
     lowest = min(len(power) // 2, round(WIDEST_HZ * len(position) * step))
     return np.asarray(np.median(power[lowest : 2 * lowest], axis=0) / np.log(2.0))
+
+
+def _on_a_grid(recording: Recording) -> FloatArray:
+    """Positions (N, n) at even times; the longest stretch's alone where gaps hold more time than rows do."""
+    time, step, rows = recording.time, recording.sampling_period_s, slice(None)
+    if time[-1] - time[0] > 2.0 * recording.samples * step:
+        bounds = [0, *(np.flatnonzero(np.diff(time) > 3.0 * step) + 1).tolist(), recording.samples]
+        rows = max(starmap(slice, pairwise(bounds)), key=lambda stretch: stretch.stop - stretch.start)
+    return uniform_grid(time[rows], recording.position[rows], recording.torque[rows], step)[1]
 
 
 def _share_of_position_noise(

@@ -73,6 +73,14 @@ def test_the_level_is_that_of_the_noise_whatever_the_motion(tmp_path: Path) -> N
     assert position_noise(recording) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.05)
 
 
+def test_hours_between_two_stretches_are_no_part_of_the_motion(tmp_path: Path) -> None:
+    """A spline went through the gap at the sampling rate: a week of it asked for more memory than there is."""
+    recording = recorded(tmp_path, load_robot("iiwa14"), 1e-5)
+    apart = replace(recording, time=recording.time + 7200.0 * (np.arange(recording.samples) >= 20_000))
+    assert position_noise(apart) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.1)
+    assert band_of_motion(apart) == 10.0
+
+
 @pytest.mark.parametrize("size", [1e-8, 3e-6, 1e-5])
 def test_no_band_is_taken_in_which_the_position_makes_a_quarter_of_what_is_left(tmp_path: Path, size: float) -> None:
     """Mean square of a white position's second derivative up to f: (2 π)⁴ f⁵ / 5 times the level."""
