@@ -42,7 +42,7 @@ RUN_NAME, REPORT_NAME, LAST_SAMPLES_NAME = "run.json", "loop_report.json", "last
 """Files in the folder of a run: its account, the loop's report, the seconds around an end that was not planned."""
 AUTO_VERSION = "auto"
 """In place of an FRI version: the supervisor listens to the robot first."""
-FEWEST_RING_SLOTS, MOST_RING_SLOTS = 64, 2**19
+FEWEST_RING_SLOTS, MOST_RING_SLOTS = 1024, 2**19
 """Of 2 kB each: the most are 1 GB, nine minutes that the recorder may be late at 1 kHz."""
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 _FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
@@ -148,7 +148,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
 
 
 def ring_slots_reason(slots: int) -> str | None:
-    """Why a hand-over ring cannot have so many slots, or None. Far more are all of a machine's memory."""
+    """Why a hand-over ring cannot have so many slots, or None. Far more are all of a machine's memory; fewer than a
+    second's are full before the recorder, which frees them four times a second, comes round.
+    """
     if not FEWEST_RING_SLOTS <= slots <= MOST_RING_SLOTS:
         return f"{slots} slots are not between {FEWEST_RING_SLOTS} and {MOST_RING_SLOTS}."
     return None

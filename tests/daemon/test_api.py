@@ -120,7 +120,7 @@ def test_an_absent_request_is_missing_input(tmp_path: Path) -> None:
         ("receive_timeout_s", float("inf")),
         ("lead_in_s", -1.0),
         ("lead_in_s", float("nan")),
-        ("ring_slots", 3),
+        ("ring_slots", 300),
         ("ring_slots", 10**14),
     ],
 )

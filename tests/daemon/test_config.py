@@ -96,7 +96,7 @@ def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
         ("arms: {left: {serial: a, bind_port: 1, serial: b}}", "serial"),
         ("run: {fit_pipeline: best}", "run.fit_pipeline"),
         ("realtime: {priority: 99}", "realtime.priority"),
-        ("realtime: {ring_slots: 2}", "realtime.ring_slots"),
+        ("realtime: {ring_slots: 1000}", "realtime.ring_slots"),
         ("realtime: {ring_slots: 100000000000000}", "realtime.ring_slots"),
         ("realtime: {cpu: -1}", "realtime.cpu"),
     ],
