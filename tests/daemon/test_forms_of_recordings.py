@@ -30,6 +30,27 @@ NAMES = ("shoulder", "elbow")
 STEP_S, SAMPLES = 0.01, 1200
 TOOL_KG = 2.0
 FORMS = ("npz", "csv", "mcap", "db3", "database folder", "bag folder", "run folder")
+COMMANDS = (
+    "fit A --robot ARM --no-physical --out OUT/model.json",
+    "fit A B --robot ARM --no-physical --folds 2 --out OUT/model.json",
+    "compare A B --robot ARM",
+    "compare MODEL B",
+    "compare --models MODEL ARM -- B",
+    "leaderboard MODEL ARM --on B",
+    "payload A C --robot ARM",
+    "doctor --log A --robot ARM",
+    "validate MODEL B",
+    "feasibility MODEL B",
+    "simulate MODEL B --controller position",
+    "import A --robot ARM --out OUT/log.mcap",
+)
+PAIRS = [
+    *((form, COMMANDS[0]) for form in FORMS),
+    *((FORMS[(number + step) % len(FORMS)], command) for number, command in enumerate(COMMANDS[1:]) for step in (0, 3)),
+]
+"""Every form by one command, every command by two forms: one function reads them, and a command that does not use it is
+told by either.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -77,24 +98,7 @@ def command_line(text: str, home: Path, form: str, out: Path) -> list[object]:
     return [words.get(word, word.replace("OUT", str(out))) for word in text.split()]
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize(
-    "command",
-    [
-        "fit A --robot ARM --no-physical --out OUT/model.json",
-        "fit A B --robot ARM --no-physical --folds 2 --out OUT/model.json",
-        "compare A B --robot ARM",
-        "compare MODEL B",
-        "compare --models MODEL ARM -- B",
-        "leaderboard MODEL ARM --on B",
-        "payload A C --robot ARM",
-        "doctor --log A --robot ARM",
-        "validate MODEL B",
-        "feasibility MODEL B",
-        "simulate MODEL B --controller position",
-        "import A --robot ARM --out OUT/log.mcap",
-    ],
-)
+@pytest.mark.parametrize(("form", "command"), PAIRS)
 def test_a_command_takes_a_recording_in_any_form(home: Path, form: str, command: str, tmp_path: Path) -> None:
     """An answer that is no (exit code 1) is one: what counts is that the recording is taken."""
     assert run("-q", *command_line(command, home, form, tmp_path)) in (0, 1)
