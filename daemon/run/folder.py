@@ -7,6 +7,7 @@ The supervisor calls `prepare_folder`; the command line `make_room` before it wr
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -119,9 +120,9 @@ def make_room(folder: Path) -> None:
 
 def keep_inputs(folder: Path, *inputs: Path | None) -> None:
     """Raise ConfigurationError where the run would write over a file that it is given: a cell would lose its tool."""
-    own = {(folder / name).resolve() for name in _WRITTEN}
+    own = {os.path.realpath(folder / name) for name in _WRITTEN}
     for file in inputs:
-        if file is not None and file.resolve() in own:
+        if file is not None and os.path.realpath(file) in own:
             raise ConfigurationError(
                 f"the run would write its own {file.name} over it; choose another folder with --out.", file=str(file)
             )
