@@ -70,14 +70,15 @@ def plant(robot: RobotModel) -> pinocchio.Model:
 
 def test_the_level_is_that_of_the_noise_whatever_the_motion(tmp_path: Path) -> None:
     recording = recorded(tmp_path, load_robot("iiwa14"), 1e-5)
-    assert position_noise(recording) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.05)
+    # The median of 3600 lines scatters by 1 / (log 2 · 60) of itself: 2.4 %.
+    assert position_noise(recording) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.1, abs=0.0)
 
 
 def test_hours_between_two_stretches_are_no_part_of_the_motion(tmp_path: Path) -> None:
     """A spline went through the gap at the sampling rate: a week of it asked for more memory than there is."""
     recording = recorded(tmp_path, load_robot("iiwa14"), 1e-5)
     apart = replace(recording, time=recording.time + 7200.0 * (np.arange(recording.samples) >= 20_000))
-    assert position_noise(apart) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.1)
+    assert position_noise(apart) == pytest.approx(2.0 / RATE_HZ * 1e-10, rel=0.12, abs=0.0)
     assert band_of_motion(apart) == 10.0
 
 
