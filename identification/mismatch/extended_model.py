@@ -75,6 +75,7 @@ def _with_deviations(rows: Sequence[Sequence[float]], std: Sequence[float | None
     """Rows of the lower triangle with these deviations, correlations as they are: a fit to what the effects leave takes
     these for known, and parameters that an effect trades with are less sure than it says.
     """
-    scale = np.array([(own or 0.0) / float(np.sqrt(row[-1])) for own, row in zip(std, rows, strict=True)])
-    scale[scale <= 0.0] = 1.0
+    wanted = np.array([own or 0.0 for own in std])
+    stated = np.sqrt([row[-1] for row in rows])
+    scale = np.divide(wanted, stated, out=np.ones_like(wanted), where=(wanted > 0.0) & (stated > 0.0))
     return [(scale[place] * scale[: place + 1] * np.array(row)).tolist() for place, row in enumerate(rows)]
