@@ -6,10 +6,8 @@ Here: where the prior comes from, and the limit on torque as a term of the searc
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +16,9 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import DesignError
 from identification.excitation.objective import Samples
-from identification.physical_parameters import PhysicalParameters, symmetric
+from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
+from identification.robots.table_three import table_three
 
 _ROOM = 0.97
 """Part of the torque limit that the search keeps to at its samples; between them the torque is a little larger."""
@@ -51,15 +50,6 @@ def nominal_parameters(robot: RobotModel, model_file: Path | None = None) -> Phy
             still.copy(),
         )
     return table_three() if robot.name == "iiwa14" else None
-
-
-def table_three() -> PhysicalParameters:
-    """Seven links in the frames of the paper's Table 1; tensors about the centres of mass, friction as in eq. (1)."""
-    with (resources.files("identification.robots.data") / "iiwa14_table3.csv").open(encoding="utf-8") as file:
-        rows = {name: np.array(values, dtype=np.float64) for name, *values in list(csv.reader(file))[1:]}
-    tensor = symmetric(np.column_stack([rows[f"I{entry}"] for entry in ("xx", "xy", "xz", "yy", "yz", "zz")]))
-    center = np.column_stack([rows[f"lC{axis}"] for axis in "xyz"])
-    return PhysicalParameters(rows["m"], center, tensor, rows["Fv"], rows["Fs"])
 
 
 def searched_base_values(robot: RobotModel, nominal: PhysicalParameters) -> FloatArray:

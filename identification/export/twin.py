@@ -17,9 +17,9 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.nearest import nearest_physical
 from identification.estimators.prior import SettledParameters, prior_of_bodies, settle_open_directions
 from identification.excitation import default_trajectory
-from identification.excitation.nominal import table_three
 from identification.model_file import MODEL_FORMAT
 from identification.robots import load_robot
+from identification.robots.table_three import table_three
 
 ROBOT = "iiwa14"
 SOURCE = "Table 3 of doi 10.1016/j.ifacol.2017.08.1208"
