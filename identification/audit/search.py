@@ -238,8 +238,8 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     """Of the first difference, what a step takes away on each part of the recording by what the other parts say of it.
 
     The step by itself, with the parameters at the model's values; of what there was before it where that is more, as
-    one cause may have hidden the other. Zero where that is not beyond its own uncertainty,
-    the scatter of the parts, or where the step takes nothing away beside parameters that are free: then it is not seen.
+    one cause may have hidden the other. Zero where that is not beyond its own uncertainty, the scatter of the parts, or
+    where the step takes nothing away beside parameters that are free: then it is not seen.
     """
     weight = 1.0 / now.noise.std**2
     same_day, after, first = (each.holding(after.steps[-1:]) for each in (replace(now, day=after.day), after, first))

@@ -118,7 +118,7 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
 
 def highest_band(recording: Recording) -> float:
     """Hz above which signs of velocity alias, or nothing is looked for."""
-    return min(WIDEST_HZ, 1.0 / recording.sampling_period_s / 8.0)
+    return within_rate(WIDEST_HZ, recording)
 
 
 def within_rate(band_hz: float, recording: Recording) -> float:

@@ -150,9 +150,7 @@ def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str,
         raise model.error(
             f"its base parameters are not those of {regressor.robot.name}; missing: {absent}", "base_parameters"
         )
-    return Path(model.path or "model").name, np.array(
-        [known.get(plain_name(name), 0.0) for name in regressor.names]
-    )
+    return Path(model.path or "model").name, np.array([known.get(plain_name(name), 0.0) for name in regressor.names])
 
 
 def compare_model(
