@@ -241,8 +241,6 @@ class FriLoop:
         self._journal.note_session(session, receive_ns)
         if session.drop is not None and self.motion.phase < _LATCHED:
             self._drop(receive_ns)
-        if not session.answer_due:
-            self.motion.skip()
         due = session.answer_due or (before is not None and before.due)
         return _Newest(message, datagram, address, disposition, receive_ns, due)
 
@@ -278,10 +276,8 @@ class FriLoop:
         session, journal, motion, message = self.session, self._journal, self.motion, newest.message
         receive_ns = newest.receive_ns
         counter = message.header.sequence_counter
-        phase, period, sample = motion.phase, motion.period, motion.sample_in_period
         usable = newest.disposition == _FRESH
-        if not usable or not self._pilot.is_labelled(counter):
-            period = sample = -1
+        phase, (period, sample) = motion.phase, self._pilot.label(counter) if usable else (-1, -1)
         if not usable:
             self._journal.refused(self.session)
             self._judge_silence(receive_ns)

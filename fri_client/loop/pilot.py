@@ -116,9 +116,15 @@ class Pilot:
             self.motion.commit(answer)
             self._advanced_at = counter
 
-    def is_labelled(self, counter: int) -> bool:
-        """Whether the message of that counter belongs to the last command of the motion that went out."""
-        return self._advanced_at is not None and counter - self._advanced_at & WRAP < self._prepared_for[1]
+    def label(self, counter: int) -> tuple[int, int]:
+        """Period, and sample in it, of the message of that counter: counted by the robot from the message that the last
+        command of the motion went out to, up to the next one's turn; -1, -1 where it belongs to none.
+        """
+        motion = self.motion
+        if self._advanced_at is None or motion.period < 0:
+            return -1, -1
+        later = counter - self._advanced_at & WRAP
+        return (motion.period, motion.sample_in_period + later) if later < self._prepared_for[1] else (-1, -1)
 
     def decide(self, message: MonitoringMessage, *, usable: bool) -> Answer:
         """The answer to the newest message, which the session has just judged; usable: as a sample, too."""

@@ -257,11 +257,6 @@ class MotionProgram:
             sentence = "Too many cycles were lost, and the path leaves no room to take it up again from rest."
             self.stop(StopReason(EventCode.RAMP_ERROR, sentence))
 
-    def skip(self) -> None:
-        """A fresh sample that is not answered (receive multiplier above 1): only its label moves on."""
-        if self.period >= 0:
-            self.sample_in_period += 1
-
     def observe(self, measured_position: Sequence[float]) -> None:
         """Watch for standstill in HOLD (leads to DONE either way) and in LATCHED; call it for each fresh sample."""
         if self.phase not in (_HOLD, _LATCHED):

@@ -171,3 +171,37 @@ def test_a_receive_multiplier_is_honoured_in_a_whole_run() -> None:
     assert result.outcome == "completed", result.sentence
     labels = [(r.period, r.sample_in_period) for r in records if r.period >= 0]
     assert labels == [(period, sample) for period in range(2) for sample in range(400)]
+
+
+def test_between_two_commands_a_lost_or_refused_message_shifts_no_label() -> None:
+    # The truth is the robot's counter: a sample lies so many messages behind the one whose answer began its row.
+    lost, no_number = {7: (2,), 11: (1, 3)}, (float("nan"),) * 7
+    with running() as (client, robot):
+        for state, groups in ((WAIT, 2), (READY, 2), (COMMANDING_WAIT, 6), (ACTIVE, 4000)):
+            for group in range(groups):
+                for place in range(1, 6):
+                    if state == ACTIVE and place in lost.get(group % 13, ()):
+                        robot.counter += 1
+                        robot.time_ms += 1
+                    else:
+                        bad = state == ACTIVE and (group % 13, place) == (3, 2)
+                        robot.send(state, multiplier=5, **({"torque": no_number} if bad else {}))
+                if not robot.take_if_alive(client):
+                    break
+        result = client.finish()
+        records = client.records()
+    assert result.outcome == "completed", result.sentence
+    codec, table = Codec(FriVersion.V1_15), short_table()
+    seen, answered_at, row = set(), 0, -1
+    for record in records:
+        if record.period < 0:
+            continue
+        counter = codec.decode_monitoring(record.monitoring).header.sequence_counter
+        if record.command is not None:
+            data = codec.decode_command(record.command).command_data
+            assert data is not None
+            assert data.joint_position == tuple(table[record.sample_in_period])
+            answered_at, row = counter, record.sample_in_period
+        assert record.sample_in_period == row + counter - answered_at
+        seen.add((record.period, record.sample_in_period))
+    assert 740 < len(seen) < 800

@@ -197,7 +197,7 @@ def test_at_the_robots_side_a_long_pause_is_left_without_a_jump(missing: int, ho
     assert np.abs(np.diff(np.array(held), axis=0)).max() <= 0.0629e-3 * 1.01
 
 
-def test_samples_between_two_commands_of_a_re_entry_carry_no_label() -> None:
+def test_commands_of_a_re_entry_carry_no_label() -> None:
     motion = program(command_period_s=0.002, samples_per_command=2)
     drive = Drive(motion)
     drive.tick(1500)
@@ -205,5 +205,4 @@ def test_samples_between_two_commands_of_a_re_entry_carry_no_label() -> None:
     motion.resume_from_rest()
     for _ in range(70):
         drive.tick()
-        motion.skip()
         assert (motion.period, motion.sample_in_period) == (-1, -1)
