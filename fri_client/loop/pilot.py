@@ -219,7 +219,7 @@ class Pilot:
                 self.hindrance = "nobody has said yet that the start ramp is clear"
             if self.hindrance:
                 return False
-            session.begin_motion(message)
+            session.begin_motion(message, test_mode_only=self._settings.test_mode_only)
             self._ipo_at_begin = ipo
             self.motion.begin(ipo)
         except (FriError, SafetyError) as error:

@@ -42,13 +42,12 @@ from fri_client.messages import (
 )
 from fri_client.session.message_checks import (
     NamedArrays,
-    changed,
-    changed_period,
     is_good,
     joint_not_driven,
     positions,
     torques,
 )
+from fri_client.session.motion_terms import MotionTerms
 from fri_client.session.refusal import Refusal
 from fri_client.session.robot_clock import Moment, RobotClock
 from fri_client.session.robot_counter import WRAP, Order, RobotCounter
@@ -95,14 +94,11 @@ class Session:
     """
 
     __slots__ = (
-        "_begun",
         "_begun_ns",
-        "_command_mode",
-        "_connection_at_begin",
         "_counter",
-        "_robot_info_at_begin",
         "_since_answer",
         "_steps",
+        "_terms",
         "answer_due",
         "clock",
         "command_period_ms",
@@ -133,11 +129,8 @@ class Session:
         self._counter = RobotCounter()
         self._since_answer = 0
         self._steps = 1  # counters from the message before to this one
-        self._begun = False
+        self._terms: MotionTerms | None = None
         self._begun_ns = 0
-        self._command_mode: int | None = None
-        self._connection_at_begin: ConnectionInfo | None = None
-        self._robot_info_at_begin = _NO_ROBOT_INFO
         self.counts = SessionCounts()
         self.state = self.previous_state = _IDLE
         self.quality = self.previous_quality = int(ConnectionQuality.POOR)
@@ -183,7 +176,7 @@ class Session:
             self._counter.refuse(message.header.sequence_counter)
             return self._refuse(Refusal.NUMBER_OF_JOINTS, 0, robot.number_of_joints)
         # What a message of a motion states of another period is a reason to drop, not another clock.
-        begin = self._connection_at_begin
+        begin = None if self._terms is None else self._terms.connection
         disposition = self._judge_counter(message, receive_ns, (begin or info).send_period)
         if disposition != _FRESH:
             return disposition
@@ -206,7 +199,7 @@ class Session:
         self.state_changed = state != self.state
         self.state = state
         quality = info.quality
-        if self.state_changed and not self._begun:
+        if self.state_changed and self._terms is None:
             self._note_leaving(quality)
         self.previous_quality = self.quality
         self.quality_changed = quality != self.quality
@@ -214,8 +207,10 @@ class Session:
         multiplier = info.receive_multiplier or 1
         self.send_period_ms = info.send_period
         self.command_period_ms = None if info.send_period is None else info.send_period * multiplier
-        if self._begun and self.drop is None:
-            self._watch(message, info, robot)
+        if self._terms is not None and self.drop is None:
+            breach = self._terms.breach(message, info, state)
+            if breach is not None:
+                self._latch(breach.reason, state, breach.value, breach.limit, breach.joint)
         if state == _IDLE:
             return disposition
         # Counted by the robot's counter: messages that were lost or refused shift no phase.
@@ -225,19 +220,17 @@ class Session:
             self.answer_due = True
         return disposition
 
-    def begin_motion(self, message: MonitoringMessage) -> None:
+    def begin_motion(self, message: MonitoringMessage, *, test_mode_only: bool = False) -> None:
         """From here on the session is watched: call it with the COMMANDING_ACTIVE message the motion starts from.
 
-        Raises ValueError where `obstacle` names one, or when a session was dropped before: a latched session stays so.
+        test_mode_only: a motion for T1. Raises ValueError where `obstacle` names one, or when a session was dropped
+        before: a latched session stays so.
         """
         hindrance = self.obstacle(message)
         if self.drop is not None or hindrance is not None:
             raise ValueError(hindrance or "the session is latched")
-        self._begun = True
+        self._terms = MotionTerms(message, test_mode_only=test_mode_only)
         self._begun_ns = self.last_fresh_ns
-        self._connection_at_begin = message.connection_info
-        self._robot_info_at_begin = message.robot_info or _NO_ROBOT_INFO
-        self._command_mode = (message.ipo_data or _NO_IPO).client_command_mode
 
     def obstacle(self, message: MonitoringMessage) -> str | None:
         """Why a motion cannot begin on this fresh message, as a clause for the operator; None when it can."""
@@ -263,7 +256,7 @@ class Session:
     @property
     def begun(self) -> bool:
         """Whether a motion was begun in this session, dropped since or not."""
-        return self._begun
+        return self._terms is not None
 
     def sent(self) -> None:
         """The answer went out: the own counter moves on."""
@@ -347,41 +340,8 @@ class Session:
 
     # The latch.
 
-    def _watch(self, message: MonitoringMessage, info: ConnectionInfo, robot: RobotInfo | None) -> None:
-        begin = self._connection_at_begin
-        state = self.state
-        mode = (message.ipo_data or _NO_IPO).client_command_mode
-        if (
-            state == _COMMANDING_ACTIVE
-            and info == begin
-            and mode == self._command_mode
-            and (robot is None or robot == self._robot_info_at_begin)
-        ):
-            return  # nothing changed, which is what nearly every tick finds
-        now, then = robot or _NO_ROBOT_INFO, self._robot_info_at_begin
-        joint = joint_not_driven(now)
-        # Causes before consequences: a safety stop takes the state away, and leaving takes the drives away.
-        if now.safety_state not in (None, SafetyState.NORMAL_OPERATION):
-            self._latch(DropReason.SAFETY_STOP, state, now.safety_state, SafetyState.NORMAL_OPERATION)
-        elif changed(now.operation_mode, then.operation_mode):
-            self._latch(DropReason.OPERATION_MODE, state, now.operation_mode, then.operation_mode)
-        elif not is_good(info.quality):
-            self._latch(DropReason.QUALITY, state, info.quality, ConnectionQuality.GOOD)
-        elif state == _IDLE:
-            self._latch(DropReason.SESSION_CLOSED, state, state, _COMMANDING_ACTIVE)
-        elif state != _COMMANDING_ACTIVE:
-            self._latch(DropReason.LEFT_COMMANDING_ACTIVE, state, state, _COMMANDING_ACTIVE)
-        elif joint:
-            self._latch(DropReason.DRIVES_OFF, state, now.drive_state[joint - 1], DriveState.ACTIVE, joint)
-        elif changed(mode, self._command_mode):
-            self._latch(DropReason.COMMAND_MODE, state, mode, self._command_mode)
-        elif changed(now.control_mode, then.control_mode):
-            self._latch(DropReason.CONTROL_MODE, state, now.control_mode, then.control_mode)
-        elif begin is not None and (periods := changed_period(info, begin)) is not None:
-            self._latch(DropReason.PERIOD_CHANGE, state, *periods)
-
     def _latch(self, reason: DropReason, state: int, value: float | None, limit: float | None, joint: int = 0) -> None:
-        if not self._begun or self.drop is not None:
+        if self._terms is None or self.drop is not None:
             return
         before = self.previous_state if self.state_changed else self.state
         if reason in (DropReason.SILENCE, DropReason.COUNTER_RESTART):

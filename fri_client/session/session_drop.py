@@ -14,6 +14,7 @@ from fri_client.messages import (
     ControlMode,
     DriveState,
     OperationMode,
+    OverlayType,
     SafetyState,
     SessionState,
     name_of,
@@ -35,6 +36,7 @@ class DropReason(IntEnum):
     COUNTER_RESTART = 9
     SILENCE = 10
     PERIOD_CHANGE = 11
+    OVERLAY_TYPE = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +46,8 @@ class SessionDrop:
     cycle: fresh messages since the session began, counted from 1; quality: of the connection then; motion_s: time
     since the motion began; recent: the link in the last second, where somebody watched it. value and limit by reason:
     state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1)
-    and ACTIVE; mode now and mode at the start; counter and the counter expected; silence in s and the time-out in s;
-    send period in ms now and before, or where that stayed the command period.
+    and ACTIVE; mode or overlay type now and before (-1: it was not reported before); counter and the counter expected;
+    silence in s and the time-out in s; send period in ms now and before, or where that stayed the command period.
     """
 
     reason: DropReason
@@ -78,15 +80,13 @@ class SessionDrop:
             case DropReason.DRIVES_OFF:
                 what = f"the drive of joint {self.joint} became {name_of(DriveState, value)}"
             case DropReason.COMMAND_MODE:
-                what = (
-                    f"the client command mode changed from {name_of(ClientCommandMode, limit)} "
-                    f"to {name_of(ClientCommandMode, value)}"
-                )
+                what = self._mode("client command mode", ClientCommandMode)
             case DropReason.CONTROL_MODE:
-                what = f"the control mode changed from {name_of(ControlMode, limit)} to {name_of(ControlMode, value)}"
+                what = self._mode("control mode", ControlMode)
             case DropReason.OPERATION_MODE:
-                before, after = name_of(OperationMode, limit), name_of(OperationMode, value)
-                what = f"the operation mode changed from {before} to {after}"
+                what = self._mode("operation mode", OperationMode)
+            case DropReason.OVERLAY_TYPE:
+                what = self._mode("overlay type", OverlayType)
             case DropReason.COUNTER_RESTART:
                 what = f"the robot's sequence counter restarted at {value:.0f} where {limit:.0f} was expected"
             case DropReason.SILENCE:
@@ -97,3 +97,8 @@ class SessionDrop:
         tail = f" ({tail})" if tail else ""
         when = f"at cycle {self.cycle}, {self.motion_s:.2f} s into the motion"
         return f"Session dropped {when}: {what}{tail}; no command follows by itself."
+
+    def _mode(self, name: str, kind: type[IntEnum]) -> str:
+        if self.limit < 0:
+            return f"the robot says for the first time that the {name} is {name_of(kind, self.value)}"
+        return f"the {name} changed from {name_of(kind, self.limit)} to {name_of(kind, self.value)}"

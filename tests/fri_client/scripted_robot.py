@@ -84,6 +84,7 @@ class Robot:
             IpoData(
                 joint_position=changes.get("ipo", REST) if state >= COMMANDING_WAIT else None,
                 client_command_mode=changes.get("mode", 1),
+                overlay_type=changes.get("overlay", 1),
             ),
             announcement="iiwa-ident fake robot, lockstep",
         )

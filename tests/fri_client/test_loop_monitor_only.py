@@ -91,6 +91,21 @@ def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outco
     assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")
 
 
+@pytest.mark.parametrize(("operation", "outcome"), [(0, "completed"), (2, "dropped")])
+def test_a_first_run_is_held_to_t1_too_where_the_robot_says_its_mode_only_in_the_motion(
+    operation: int, outcome: str
+) -> None:
+    with running(settings=LoopSettings(receive_timeout_s=60.0, test_mode_only=True)) as (client, robot):
+        robot.exchange(WAIT, 3, operation=None)
+        robot.exchange(COMMANDING_WAIT, 5, operation=None)
+        robot.exchange(ACTIVE, 700, operation=None)
+        robot.until_done(client, operation=operation)
+        result = client.finish()
+    assert result.outcome == outcome, result.sentence
+    assert result.standstill_confirmed
+    robot.assert_gentle()
+
+
 def test_who_ends_the_wait_for_a_motion_is_told_what_it_waited_for() -> None:
     with running(settings=LoopSettings(test_mode_only=True)) as (client, robot):
         robot.exchange(WAIT, 3)

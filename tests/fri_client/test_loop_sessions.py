@@ -126,6 +126,7 @@ def test_a_safety_stop_seen_before_the_state_changes_is_followed_by_a_ramp_not_b
         ("OPERATION_MODE", {"operation": 1}),
         ("CONTROL_MODE", {"control": 2}),
         ("COMMAND_MODE", {"mode": 3}),
+        ("OVERLAY_TYPE", {"overlay": 2}),
         ("PERIOD_CHANGE", {"period": 2}),
     ],
 )

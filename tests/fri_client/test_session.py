@@ -59,6 +59,7 @@ def message(counter: int, state: int = ACTIVE, **changes: Any) -> MonitoringMess
         IpoData(
             joint_position=changes.get("ipo", IPO if state >= COMMANDING_WAIT else None),
             client_command_mode=changes.get("mode", 1),
+            overlay_type=changes.get("overlay", 1),
         ),
     )
 
@@ -237,6 +238,8 @@ DROPS = [
     ({"drives": (2, 2, 2, 2, 2, 2, 1)}, DropReason.DRIVES_OFF, "drive of joint 7 became TRANSITIONING"),
     ({"mode": 3}, DropReason.COMMAND_MODE, "from POSITION to TORQUE"),
     ({"control": 2}, DropReason.CONTROL_MODE, "from POSITION to JOINT_IMPEDANCE"),
+    ({"overlay": 2}, DropReason.OVERLAY_TYPE, "the overlay type changed from JOINT to CARTESIAN"),
+    ({"overlay": 0}, DropReason.OVERLAY_TYPE, "from JOINT to NO_OVERLAY"),
     ({"operation": 0}, DropReason.OPERATION_MODE, "from AUTOMATIC_MODE to TEST_MODE_1"),
     ({"period": 2}, DropReason.PERIOD_CHANGE, "from 1 ms to 2 ms"),
     ({"multiplier": 3}, DropReason.PERIOD_CHANGE, "from 1 ms to 3 ms"),
@@ -278,6 +281,34 @@ def test_a_better_quality_and_a_field_that_is_no_longer_sent_are_no_drop() -> No
     for counter, changes in ((11, {"quality": 2}), (12, {"mode": None}), (13, {"safety": None, "control": None})):
         session.judge(message(counter, **changes), later(counter))
     assert session.drop is None
+
+
+SILENT: dict[str, Any] = {"mode": None, "overlay": None, "control": None, "operation": None}
+
+
+@pytest.mark.parametrize(
+    ("said", "drop", "words"),
+    [
+        ([{"operation": 2}], DropReason.OPERATION_MODE, "for the first time that the operation mode is AUTOMATIC_MODE"),
+        ([{"operation": 0}, {}, {"operation": 1}], DropReason.OPERATION_MODE, "from TEST_MODE_1 to TEST_MODE_2"),
+        ([{"mode": 3}], DropReason.COMMAND_MODE, "says for the first time that the client command mode is TORQUE"),
+        ([{"control": 0}, {}, {"control": 1}], DropReason.CONTROL_MODE, "from POSITION to CARTESIAN_IMPEDANCE"),
+        ([{"overlay": 1}, {"overlay": 2}], DropReason.OVERLAY_TYPE, "from JOINT to CARTESIAN"),
+        ([{"operation": 0, "mode": 1, "overlay": 1, "control": 2}, {}, {"operation": 0, "control": 2}], None, ""),
+    ],
+)  # fmt: skip
+def test_what_a_robot_says_first_in_a_motion_is_judged_as_at_its_beginning_and_holds_from_then_on(
+    said: list[dict[str, Any]], drop: DropReason | None, words: str
+) -> None:
+    session = Session()
+    first = message(10, **SILENT)
+    session.judge(first, later(0))
+    session.begin_motion(first, test_mode_only=True)
+    for place, changes in enumerate(said, start=1):
+        assert session.drop is None
+        session.judge(message(10 + place, **(SILENT | changes)), later(place))
+    assert (None if session.drop is None else session.drop.reason) == drop
+    assert session.drop is None or words in session.drop.sentence()
 
 
 def test_silence_drops_and_any_counter_is_taken_after_it() -> None:
