@@ -32,6 +32,7 @@ from fri_client.loop.peer import Peer
 from fri_client.loop.result import LoopSettings
 from fri_client.messages import FriVersion, MonitoringMessage, OperationMode, SessionState, name_of
 from fri_client.motion.program import Foreseen, MotionProgram
+from fri_client.motion.stop_reason import NO_EXTERNAL_TORQUE
 from fri_client.session.robot_counter import WRAP
 from fri_client.session.session import Session
 from safety.errors import SafetyError
@@ -157,6 +158,8 @@ class Pilot:
         if pace == Pace.TOO_EARLY or pace == Pace.UNCLEAR:
             return None
         self._is_step = True
+        if usable and self._unwatched(message):
+            self.motion.stop(NO_EXTERNAL_TORQUE)
         return self.motion.propose(measured, monitor.external_torque if usable else None)
 
     def _in_monitoring(self, message: MonitoringMessage, pace: Pace) -> Answer:

@@ -58,3 +58,10 @@ def too_much_torque(joint: int, value: float, limit: float) -> StopReason:
         limit,
         "external_torque",
     )
+
+
+NO_EXTERNAL_TORQUE = StopReason(
+    EventCode.EXTERNAL_TORQUE,
+    "The robot sends no external torque any more, which is watched in this motion.",
+    criterion="external_torque",
+)

@@ -135,6 +135,18 @@ def test_where_external_torque_is_watched_a_robot_that_sends_none_is_not_moved(
     assert ("sends no external torque" in result.sentence) is not begins
 
 
+def test_a_robot_that_stops_to_send_the_watched_external_torque_is_stopped_by_ramp() -> None:
+    with running(external_torque_limit=(30.0,) * 7) as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.until_done(client, external=None)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("stopped", "EXTERNAL_TORQUE", True)
+    assert "sends no external torque any more" in result.sentence
+    assert result.stop_kind == "path"
+    robot.assert_gentle()
+
+
 def test_an_arm_far_from_its_ipo_position_is_not_moved() -> None:
     with running(settings=LoopSettings(command_timeout_s=0.4)) as (client, robot):
         robot.exchange(WAIT)
