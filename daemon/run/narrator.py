@@ -13,11 +13,14 @@ from collections.abc import Callable
 
 from daemon.api import RunEvent, RunRequest
 from fri_client.handover.motion_phase import MotionPhase
-from fri_client.handover.ring import Disposition, HandoverRing
+from fri_client.handover.ring import Disposition, HandoverRing, LoopStatus
 from fri_client.loop.version_evidence import version_doubt
 from fri_client.messages import FriVersion, SessionState, name_or_number
 
 PROGRESS_S = 10.0
+_STANDS_S = 1.0
+"""What hinders a motion for so long is told: the first questions of every start are answered sooner."""
+
 Observer = Callable[[RunEvent], None]
 
 
@@ -55,6 +58,7 @@ class RunNarrator:
         self._last_state = -1
         self._last_period = -1
         self._next_progress = 0.0
+        self._next_hindrance: float | None = None
 
     def tell(self, kind: str, sentence: str, *, period: int = -1) -> None:
         """One event."""
@@ -107,6 +111,7 @@ class RunNarrator:
             phase = name_or_number(MotionPhase, status.phase).lower().replace("_", " ")
             self.tell("phase", "Recording; nothing is commanded." if self._watches_only else f"Motion: {phase}.")
         now = time.monotonic()
+        self._tell_hindrance(status, now)
         begun = status.period != self._last_period and status.period >= 0
         if begun or now >= self._next_progress:
             self._last_period = status.period
@@ -120,3 +125,15 @@ class RunNarrator:
                 f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
                 period=status.period,
             )
+
+    def _tell_hindrance(self, status: LoopStatus, now: float) -> None:
+        """Why no motion begins although the robot commands: an operator stands beside it and can help."""
+        waits = (status.phase, status.session_state) == (MotionPhase.WAITING, SessionState.COMMANDING_ACTIVE)
+        hindrance = self._ring.hindrance if waits else ""
+        if not hindrance:
+            self._next_hindrance = None
+        elif self._next_hindrance is None:
+            self._next_hindrance = now + _STANDS_S
+        elif now >= self._next_hindrance:
+            self._next_hindrance = now + PROGRESS_S
+            self.tell("waiting", f"No motion begins yet: {hindrance}.")

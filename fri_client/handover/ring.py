@@ -25,6 +25,7 @@ express; `create` refuses to run there.
     320    monotonic -> epoch offset ns                  create
     384    closed flag, LoopStatus                       loop
     576    may the motion begin: see `start_gate`        loop, supervisor
+    688    what hinders the motion: length, UTF-8        loop
     1024   reason: length, UTF-8                         loop
     4096   slot 0, slot 1, ...
 """
@@ -66,8 +67,8 @@ _SLOT = struct.Struct("@QqqiiiiiIddHHI")  # index .. lengths; native order, one 
 _PAYLOAD_OFFSET = 80
 COMMAND_CAPACITY = SLOT_BYTES - _PAYLOAD_OFFSET - MONITORING_CAPACITY
 _STATUS = struct.Struct("@16q")
-_REASON_OFFSET = 1024
-_REASON_CAPACITY = 2000
+_HINDRANCE_OFFSET, _HINDRANCE_CAPACITY = 688, 328
+_REASON_OFFSET, _REASON_CAPACITY = 1024, 2000
 
 # Places in the header, counted in 8-byte words.
 _W_MAGIC, _W_VERSION, _W_SLOT_BYTES, _W_SLOTS = 0, 1, 2, 3
@@ -220,10 +221,16 @@ class HandoverRing:
 
     def publish_reason(self, sentence: str) -> None:
         """Store why the loop stops or stopped, in one sentence (cut at 2000 bytes)."""
-        data = sentence.encode()[:_REASON_CAPACITY]
-        place = _REASON_OFFSET + 8
-        self._bytes[place : place + len(data)] = data
-        self._words[_REASON_OFFSET // 8] = len(data)
+        self._write_text(sentence, _REASON_OFFSET, _REASON_CAPACITY)
+
+    def publish_hindrance(self, clause: str) -> None:
+        """Store why no motion begins yet, as a clause (cut at 328 bytes); empty where nothing hinders it."""
+        self._write_text(clause, _HINDRANCE_OFFSET, _HINDRANCE_CAPACITY)
+
+    def _write_text(self, text: str, offset: int, capacity: int) -> None:
+        data = text.encode()[:capacity]
+        self._bytes[offset + 8 : offset + 8 + len(data)] = data
+        self._words[offset // 8] = len(data)
 
     def finish(self) -> None:
         """Say that no record will follow; the consumer ends once it has read the rest."""
@@ -324,9 +331,16 @@ class HandoverRing:
     @property
     def reason(self) -> str:
         """Why the loop stops or stopped; empty while it does not."""
-        length = min(int(self._words[_REASON_OFFSET // 8]), _REASON_CAPACITY)
-        place = _REASON_OFFSET + 8
-        return bytes(self._bytes[place : place + length]).decode(errors="replace")
+        return self._read_text(_REASON_OFFSET, _REASON_CAPACITY)
+
+    @property
+    def hindrance(self) -> str:
+        """Why no motion begins yet, as a clause; empty where the loop has nothing against it."""
+        return self._read_text(_HINDRANCE_OFFSET, _HINDRANCE_CAPACITY)
+
+    def _read_text(self, offset: int, capacity: int) -> str:
+        length = min(int(self._words[offset // 8]), capacity)
+        return bytes(self._bytes[offset + 8 : offset + 8 + length]).decode(errors="replace")
 
 
 def _epoch_offset_ns() -> int:

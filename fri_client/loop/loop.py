@@ -100,6 +100,7 @@ class FriLoop:
         self._restarts = 0
         self._unanswered = 0
         self._silence_told = False
+        self._told_hindrance = ""
         self._versions = VersionEvidence(version)
         self._ending = Ending(self._pilot, self.session, self._gate, settings, self._journal, self._versions)
         self._faults = 0
@@ -364,6 +365,9 @@ class FriLoop:
         self._publish(now)
 
     def _publish(self, now: int) -> None:
+        if self._pilot.hindrance != self._told_hindrance:
+            self._told_hindrance = self._pilot.hindrance
+            self._ring.publish_hindrance(self._told_hindrance)
         late = self.statistics.late + self._unanswered
         self._journal.publish(now, self.session, self.motion, self.statistics, late, self._peer.foreign)
 

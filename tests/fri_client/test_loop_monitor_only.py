@@ -111,6 +111,8 @@ def test_who_ends_the_wait_for_a_motion_is_told_what_it_waited_for() -> None:
         robot.exchange(WAIT, 3)
         robot.exchange(COMMANDING_WAIT, 5)
         robot.exchange(ACTIVE, 30)
+        client.wait_until_heard(messages=38)
+        assert client.ring.hindrance.endswith("the robot is in AUTOMATIC_MODE")
         client.ring.request_stop(EventCode.OPERATOR_STOP)
         robot.send(ACTIVE)
         result = client.finish()
