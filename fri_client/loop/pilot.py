@@ -219,7 +219,7 @@ class Pilot:
             if not session.clock.is_settled and not self.hindrance:
                 self.hindrance = "too few messages came yet to know the robot's clock"
             if not cleared and not self.hindrance:
-                self.hindrance = "nobody has said yet that the start ramp is clear"
+                self.hindrance = "the check of the start ramp is not done yet"
             if self.hindrance:
                 return False
             session.begin_motion(message, test_mode_only=self._settings.test_mode_only)
