@@ -274,6 +274,8 @@ def _check(config: DaemonConfig, file: str) -> None:
         for name, value in values.items():
             if value == "":
                 raise refuse(f"{section}{name}", "is empty; leave the key out where there is none.")
+            if isinstance(value, str) and "\0" in value:
+                raise refuse(f"{section}{name}", "holds a zero byte, which no name of a file has.")
     try:
         parse_version(fri.version)
     except UnknownFriVersion as error:

@@ -99,6 +99,8 @@ def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
         ("realtime: {ring_slots: 1000}", "realtime.ring_slots"),
         ("realtime: {ring_slots: 100000000000000}", "realtime.ring_slots"),
         ("realtime: {cpu: -1}", "realtime.cpu"),
+        ('output: "runs\\0"', "output"),
+        ('run: {workspace_file: "cell\\0.yaml"}', "run.workspace_file"),
     ],
 )
 def test_a_mistake_is_named_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:
