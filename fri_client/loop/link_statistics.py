@@ -1,35 +1,17 @@
-"""What the link did: loss, duplicates, reordering, jitter and turn-around, counted while the loop runs.
+"""How punctual the link was: jitter, turn-around and late answers, measured while the loop runs.
 
-Here: counters and two histograms of fixed size; a tick costs a few integer operations and keeps no object. Not here:
-what to do about a lost or old message (`session`), and the grade an operator sees (`doctor`). The loop calls `observe`
-once per decoded monitoring message; whoever reports calls `summary`.
-
-Sequence counters are uint32 and wrap. A counter ahead of the newest one by less than 2^31 is newer, anything else is
-old. The last 64 counters are remembered as bits: an old one that had been counted as missing is `reordered` and is no
-longer missing, one that was seen is a `duplicate`, one further back is `stale`.
+Here: two histograms of fixed size; a tick costs a few integer operations and keeps no object. Not here: which messages
+came, which are missing and which came twice (`session`, which judges each by its counter), and the grade an operator
+sees (`doctor`). The loop calls `observe` once per message that is newer than all before it; whoever reports calls
+`summary`.
 """
 
 from __future__ import annotations
 
 from array import array
-from enum import IntEnum
 from typing import Any
 
 from fri_client.session.robot_counter import WRAP
-
-_HALF = 1 << 31
-_WINDOW = 64
-_WINDOW_MASK = (1 << _WINDOW) - 1
-_COUNTS = ("received", "answered", "missing", "late", "duplicates", "reordered", "stale", "undecodable")
-
-
-class Arrival(IntEnum):
-    """What one monitoring message is, judged by its sequence counter alone."""
-
-    FRESH = 0
-    DUPLICATE = 1
-    REORDERED = 2
-    STALE = 3
 
 
 class Histogram:
@@ -103,105 +85,48 @@ class Histogram:
 
 
 class LinkStatistics:
-    """Counters of one run of the link.
+    """Of one run of the link.
 
-    received: decoded monitoring messages, whatever their order. answered: those a command was sent for.
-    missing: numbers the robot's counter passed over and that have not come since. late: answered, but more than one
-    send period after they were received. duplicates, reordered, stale: see the module. undecodable: datagrams refused.
-    turn_around: from receive to send. jitter: |interval between two fresh messages - their distance in send periods|.
+    late: answered, but more than one send period after they were received. undecodable: datagrams refused.
+    turn_around: from receive to send. jitter: |interval between two messages - their distance in send periods|.
     """
 
-    __slots__ = (
-        "_newest",
-        "_newest_receive_ns",
-        "_seen",
-        "_since_first",
-        "answered",
-        "duplicates",
-        "jitter",
-        "late",
-        "missing",
-        "received",
-        "reordered",
-        "stale",
-        "turn_around",
-        "undecodable",
-    )
+    __slots__ = ("_newest", "_newest_receive_ns", "jitter", "late", "turn_around", "undecodable")
 
     def __init__(self) -> None:
-        self.received = 0
-        self.answered = 0
-        self.missing = 0
         self.late = 0
-        self.duplicates = 0
-        self.reordered = 0
-        self.stale = 0
         self.undecodable = 0
         self.turn_around = Histogram()
         self.jitter = Histogram()
         self.restart()
 
     def restart(self) -> None:
-        """Forget the counter of the robot (a new session may start anywhere); everything counted stays."""
-        self._newest = -1
+        """Forget the counter of the robot (a new session may start anywhere); what was measured stays."""
+        self._newest: int | None = None
         self._newest_receive_ns = 0
-        self._seen = 0
-        self._since_first = 0
 
     def observe_undecodable(self) -> None:
         """Count a datagram that was refused."""
         self.undecodable += 1
 
-    def observe(self, sequence_counter: int, receive_ns: int, send_ns: int | None, period_ms: float | None) -> Arrival:
-        """Count one decoded monitoring message and its answer.
+    def observe(self, sequence_counter: int, receive_ns: int, send_ns: int, period_ms: float | None) -> None:
+        """Measure one message, newer than those before, and its answer.
 
-        sequence_counter: the robot's, uint32. receive_ns, send_ns: one monotonic clock; send_ns is None or 0 where
-        nothing was sent. period_ms: the send period, None or 0 where the robot does not say; then neither lateness nor
-        jitter is judged.
+        sequence_counter: the robot's, uint32. receive_ns, send_ns: one monotonic clock; send_ns is 0 where nothing was
+        sent. period_ms: the send period, None or 0 where the robot does not say; then neither lateness nor jitter is
+        judged.
         """
-        self.received += 1
         period_ns = int(period_ms * 1_000_000) if period_ms else 0
         if send_ns:
-            self.answered += 1
             turn_around_ns = send_ns - receive_ns
             self.turn_around.add(turn_around_ns)
             if 0 < period_ns < turn_around_ns:
                 self.late += 1
-        if self._newest < 0:
-            self._newest = sequence_counter
-            self._newest_receive_ns = receive_ns
-            self._seen = 1
-            return Arrival.FRESH
-        ahead = (sequence_counter - self._newest) & WRAP
-        if 0 < ahead < _HALF:
-            self.missing += ahead - 1
-            if period_ns:
-                self.jitter.add(abs(receive_ns - self._newest_receive_ns - ahead * period_ns))
-            self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < _WINDOW else 1
-            self._since_first += ahead
-            self._newest = sequence_counter
-            self._newest_receive_ns = receive_ns
-            return Arrival.FRESH
-        return self._observe_old((self._newest - sequence_counter) & WRAP)
-
-    def _observe_old(self, behind: int) -> Arrival:
-        if behind >= _WINDOW:
-            self.stale += 1
-            return Arrival.STALE
-        if self._seen >> behind & 1:
-            self.duplicates += 1
-            return Arrival.DUPLICATE
-        self._seen |= 1 << behind
-        self.reordered += 1
-        # Numbers before the first message were never counted as missing.
-        if behind < self._since_first:
-            self.missing -= 1
-        return Arrival.REORDERED
+        if self._newest is not None and period_ns:
+            ahead = (sequence_counter - self._newest) & WRAP
+            self.jitter.add(abs(receive_ns - self._newest_receive_ns - ahead * period_ns))
+        self._newest, self._newest_receive_ns = sequence_counter, receive_ns
 
     def summary(self) -> dict[str, Any]:
-        """Everything counted, as plain numbers, lists and dicts that JSON can hold."""
-        return {
-            **{name: getattr(self, name) for name in _COUNTS},
-            "turn_around": self.turn_around.summary(),
-            "jitter": self.jitter.summary(),
-        }
+        """Both histograms, as plain numbers, lists and dicts that JSON can hold."""
+        return {"turn_around": self.turn_around.summary(), "jitter": self.jitter.summary()}

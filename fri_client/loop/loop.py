@@ -232,7 +232,7 @@ class FriLoop:
             session.clock.simulated = message.is_simulated_time
         disposition = session.judge(message, receive_ns)
         if disposition != _FRESH and not session.answer_due:
-            self._not_fresh(disposition, message, datagram, receive_ns)
+            self._not_fresh(disposition, datagram, receive_ns)
             return before
         peer.heard(address)  # whoever sends a whole message with seven positions that an arm can have
         if before is not None:
@@ -346,12 +346,10 @@ class FriLoop:
         elif self.motion.phase < _LATCHED:
             self._drop(now)
 
-    def _not_fresh(self, disposition: int, message: MonitoringMessage, datagram: bytes, now: int) -> None:
+    def _not_fresh(self, disposition: int, datagram: bytes, now: int) -> None:
         session = self.session
         if disposition == Disposition.REFUSED:
             self._journal.refused(session)
-        else:
-            self.statistics.observe(message.header.sequence_counter, now, 0, session.send_period_ms)
         self._judge_silence(now)
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, disposition)
         self._publish(now)
