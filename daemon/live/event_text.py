@@ -24,6 +24,10 @@ def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
         return f"Sample {record.index} was refused: {refusal_sentence(limit, record.event_joint, value)}."
     if code == EventCode.SILENCE:
         return f"No monitoring message came for {value:.3g} s (limit {limit:.3g} s)."
+    if code == EventCode.UNDECODABLE:
+        return f"A datagram of {value:.0f} bytes is no message that can be read."
+    if code == EventCode.START_TIMEOUT:
+        return f"No motion began within {value:.1f} s."
     if code == EventCode.STOP_ON_PATH:
         return f"The arm is slowed on its path and comes to rest within {value:.2f} s, {limit:.0f} rows further on."
     if code == EventCode.STOP_IN_JOINT_SPACE:

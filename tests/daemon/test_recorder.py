@@ -117,6 +117,18 @@ def test_duplicates_garbage_and_events_are_kept_and_flagged(tmp_path: Path, ring
     assert (told["undecodable"], end.sequence_gaps) == ("1", 0)
 
 
+def test_the_sentence_of_a_stop_is_given_to_the_stop_alone(tmp_path: Path, ring: HandoverRing) -> None:
+    stop = "The operator asked for a stop."
+    ring.publish_reason(stop)
+    producer = Producer(ring)
+    for code in EventCode:
+        if code != EventCode.NONE:
+            producer.push_event(code, 1, 1)
+    record_all(tmp_path, ring)
+    told = {event.name for event in read_events(tmp_path / "recording.mcap") if event.sentence == stop}
+    assert told == {code.name for code in EventCode if code.is_stop_reason} | {"SESSION_DROP"}
+
+
 def test_the_file_carries_request_table_trajectory_and_host(tmp_path: Path, ring: HandoverRing) -> None:
     urdf = tmp_path / "robot.urdf"
     urdf.write_text("<robot name='iiwa'/>")
