@@ -34,15 +34,17 @@ class RecoverReport:
     """What a log still held.
 
     whole: the file was complete and nothing was written; recovered: the file to use (the original when whole).
-    samples: messages on /fri/state; missing: gaps in the robot's sequence counter; missing_in_handover: gaps in the
-    loop's sample index; next_index: the first index after the last one in the file; last_period: the highest number of
-    a period (-1: none). bytes_used of bytes_total were readable. damaged_chunks: complete in length, wrong in content.
+    samples: messages on /fri/state, samples_in_periods: of them in recorded periods; missing: gaps in the robot's
+    sequence counter; missing_in_handover: gaps in the loop's sample index; next_index: the first index after the last
+    one in the file; last_period: the highest number of a period (-1: none). bytes_used of bytes_total were readable.
+    damaged_chunks: complete in length, wrong in content.
     """
 
     source: Path
     recovered: Path
     whole: bool
     samples: int
+    samples_in_periods: int
     messages: dict[str, int]
     first_counter: int | None
     last_counter: int | None
@@ -109,6 +111,7 @@ class _Counts:
 
     messages: dict[str, int] = field(default_factory=dict)
     samples: int = 0
+    samples_in_periods: int = 0
     first_counter: int | None = None
     last_counter: int | None = None
     missing_in_handover: int = 0
@@ -130,6 +133,7 @@ class _Counts:
             return
         self._follow_index(index)
         self.last_period = max(self.last_period, period)
+        self.samples_in_periods += period >= 0
         if self.first_counter is None:
             self.first_counter = counter
         self.counter.take(counter, believed=not is_out_of_order(data))
@@ -153,8 +157,8 @@ class _Counts:
         whole: bool = False,
     ) -> RecoverReport:
         return RecoverReport(
-            source, recovered, whole, self.samples, dict(self.messages), self.first_counter, self.last_counter,
-            self.counter.missing, self.missing_in_handover, self.next_index or 0, self.last_period,
+            source, recovered, whole, self.samples, self.samples_in_periods, dict(self.messages), self.first_counter,
+            self.last_counter, self.counter.missing, self.missing_in_handover, self.next_index or 0, self.last_period,
             found.damaged_chunks, found.bytes_used, total, sentences,
         )  # fmt: skip
 

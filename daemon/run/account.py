@@ -125,6 +125,7 @@ def _write(
         out_dir=str(folder),
         recordings=(str(recording),) if recording.is_file() else (),
         samples=samples,
+        samples_in_periods=0 if held is None else held.samples_in_periods,
         sequence_gaps=missing,
         handover_gaps=lost,
         loop=report,

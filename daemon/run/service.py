@@ -329,15 +329,13 @@ class _Acquisition:
         return None
 
     def _close_books(self, report: LoopReport) -> RunOutcome:
-        ends = [self._finished.get(part) for part in range(len(self._parts))]
-        first = ends[0]
+        first = self._finished.get(0)
         if first is not None:
             recording = self._parts[0]
             samples, in_periods, gaps = first.samples, first.samples_in_periods, first.sequence_gaps
             lost = lost_between(self._ring, first.handover_gaps, first.last_index + 1)
         else:
-            recording, samples, gaps, lost = self._join_parts()
-            in_periods = sum(end.samples_in_periods for end in ends if end is not None)
+            recording, samples, in_periods, gaps, lost = self._join_parts()
         for folder in {part.parent for part in self._parts}:
             tidy(folder)
         exit_code = self._exit_code(report)
@@ -378,20 +376,20 @@ class _Acquisition:
         write_run_file(self._request, RUN_NAME, outcome)
         return outcome
 
-    def _join_parts(self) -> tuple[Path, int, int, int]:
-        """recording.mcap from what several recorders left; the broken first part is kept as recording.broken.mcap."""
+    def _join_parts(self) -> tuple[Path, int, int, int, int]:
+        """recording.mcap of what several recorders left (broken parts are kept): samples, in periods, gaps, losses."""
         existing = [part for part in self._parts if part.is_file()]
         if not existing and self._gone_unheard():
-            return self._parts[0], 0, 0, 0
+            return self._parts[0], 0, 0, 0, 0
         try:
             if not existing:
                 raise MissingInputError(str(self._parts[0]), "the recording of this run")
             merged = join_parts(existing)
         except (BadLogError, LogIOError, MissingInputError) as error:
             self._narrator.remark(f"The parts of the recording could not be joined: {error}")
-            return existing[-1] if existing else self._parts[0], 0, 0, self._ring.lost + self._ring.backlog
+            return existing[-1] if existing else self._parts[0], 0, 0, 0, self._ring.lost + self._ring.backlog
         lost = lost_between(self._ring, merged.missing_in_handover, merged.next_index)
-        return merged.recovered, merged.samples, merged.missing, lost
+        return merged.recovered, merged.samples, merged.samples_in_periods, merged.missing, lost
 
     def _exit_code(self, report: LoopReport) -> int:
         code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]

@@ -91,6 +91,7 @@ def test_a_recorder_stopped_for_ever_costs_no_sample(
     # No number for what a machine may make of the moment: what is not in the file is counted, to the last one.
     states = read_states(Path(outcome.recordings[0]))
     assert len(states) == outcome.samples == outcome.loop.received
+    assert outcome.samples_in_periods == sum(state.period >= 0 for state in states) > PERIOD_SAMPLES
     assert outcome.handover_gaps == 0
     assert_nothing_missing(Path(outcome.recordings[0]))
     assert not stopped[0].is_running()
@@ -265,6 +266,7 @@ def test_all_processes_killed_at_once_leave_all_but_the_last_chunk_and_recover_s
     assert (report.missing, report.missing_in_handover) == (0, 0)
     states = read_states(report.recovered)
     assert len(states) == report.samples > 2 * PERIOD_SAMPLES
+    assert outcome.samples_in_periods == sum(state.period >= 0 for state in states) > PERIOD_SAMPLES
 
 
 @pytest.mark.parametrize("with_supervisor", [False, True], ids=["the loop alone", "all processes"])
