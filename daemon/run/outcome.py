@@ -100,7 +100,7 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
         tick=status.tick,
         foreign=status.foreign,
         lost_in_handover=ring.lost,
-        periods_completed=max(status.period, 0),
+        periods_completed=status.periods_completed,
         **{name: getattr(status, name) for name in COUNTS},
     )
 

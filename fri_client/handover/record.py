@@ -109,3 +109,4 @@ class LoopStatus:
     undecodable: int = 0
     stop_reason: int = 0
     foreign: int = 0
+    periods_completed: int = 0

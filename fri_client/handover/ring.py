@@ -66,7 +66,7 @@ _LAYOUT_VERSION = 1
 _SLOT = struct.Struct("@QqqiiiiiIddHHI")  # index .. lengths; native order, one machine
 _PAYLOAD_OFFSET = 80
 COMMAND_CAPACITY = SLOT_BYTES - _PAYLOAD_OFFSET - MONITORING_CAPACITY
-_STATUS = struct.Struct("@16q")
+_STATUS = struct.Struct("@17q")
 _HINDRANCE_OFFSET, _HINDRANCE_CAPACITY = 688, 328
 _REASON_OFFSET, _REASON_CAPACITY = 1024, 2000
 
@@ -213,7 +213,7 @@ class HandoverRing:
         return True
 
     def publish_status(self, status: tuple[int, ...]) -> None:
-        """Store the loop's status: the 16 integers of LoopStatus in its order. Readers may see a mix of two ticks, but
+        """Store the loop's status: the 17 integers of LoopStatus in its order. Readers may see a mix of two ticks, but
         no zeros: `pack_into` clears its target first, and a recorder that reads a zero time takes the loop for dead.
         """
         _STATUS.pack_into(self._next_status, 0, *status)

@@ -153,5 +153,6 @@ class Journal:
                 statistics.undecodable,
                 EventCode.SESSION_DROP if session.drop is not None else 0 if reason is None else reason.code,
                 foreign,
+                motion.periods_completed,
             )
         )

@@ -18,10 +18,13 @@ from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile, is_being_written
 from daemon.run.account import leave_outcome
+from daemon.run.outcome import loop_report_without_loop
 from daemon.run.recorder import Recorder
 from daemon.run.rescue import rescue_if_abandoned
 from daemon.run.spare_folder import find_run_file, spare_folder, write_run_file
+from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
+from tests.fri_client.scripted_robot import ACTIVE, running
 from tests.watchdog import WATCHDOG_S
 
 from .producer import Producer, make_job, make_request
@@ -175,3 +178,13 @@ def test_a_recorder_that_is_stopped_for_ever_is_ended_and_its_samples_are_writte
         recorder.kill()
         recorder.wait()
     assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(300))
+
+
+def test_a_loop_killed_after_its_periods_has_driven_them() -> None:
+    with running() as (client, robot):
+        robot.to_active()
+        while client.ring.status.phase < MotionPhase.STOP_RAMP:
+            robot.exchange(ACTIVE)
+        report = loop_report_without_loop(client.ring, -9, "")
+    assert report.outcome == "fault"
+    assert report.periods_completed == 2

@@ -194,8 +194,8 @@ def test_requests_heartbeat_and_status_reach_the_other_side(ring: HandoverRing) 
     ring.request_stop(EventCode.DISK_FULL)
     ring.beat(123456789)
     assert (loop.stop_request, loop.heartbeat_ns) == (EventCode.DISK_FULL, 123456789)
-    loop.publish_status(tuple(range(16)))
-    assert ring.status == LoopStatus(*range(16))
+    loop.publish_status(tuple(range(17)))
+    assert ring.status == LoopStatus(*range(17))
     loop.publish_reason("ä" * 3000)
     assert ring.reason.startswith("ää")
     assert len(ring.reason.encode()) <= 2000
@@ -204,20 +204,20 @@ def test_requests_heartbeat_and_status_reach_the_other_side(ring: HandoverRing) 
 
 def test_a_status_is_never_read_as_zeros_while_it_is_written(ring: HandoverRing) -> None:
     """A recorder whose supervisor was killed read time zero, held the moving loop for gone and closed the recording."""
-    ring.publish_status((7,) * 16)
+    ring.publish_status((7,) * 17)
     reader, loop = os.getpid(), os.fork()
     if not loop:
         with contextlib.suppress(BaseException):
             own = HandoverRing.attach(ring.fd)
             while os.getppid() == reader and not own.stop_request:
-                own.publish_status((7,) * 16)
+                own.publish_status((7,) * 17)
         os._exit(0)
     try:
         read = {ring.status for _ in range(100_000)}
     finally:
         ring.request_stop(EventCode.OPERATOR_STOP)
         os.waitpid(loop, 0)
-    assert read == {LoopStatus(*(7,) * 16)}
+    assert read == {LoopStatus(*(7,) * 17)}
 
 
 def test_a_recorder_counts_as_stalled_beyond_four_fifths_of_the_ring() -> None:
