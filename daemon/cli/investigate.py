@@ -181,7 +181,6 @@ def _in_its_cell(
 
 def _driver(account: Account, host: str, port: int, simulation: bool, **settings: object) -> FriDriver:
     from daemon.investigate.driver import FriDriver
-    from daemon.motion.tool import carried
     from identification.robots import Installation
 
     cell = account.cell
@@ -197,7 +196,8 @@ def _driver(account: Account, host: str, port: int, simulation: bool, **settings
     return FriDriver(
         robot=account.robot,
         workspace=None if cell.workspace is None else Path(cell.workspace),
-        tool=carried(tool_from(cell.tool), account.added_mass),
+        tool=tool_from(cell.tool),
+        added_mass=account.added_mass,
         installation=None if cell.gravity_m_s2 is None else Installation(cell.gravity_m_s2),
         settings={"bind_host": host, "bind_port": port, **settings},
         simulation=simulation,

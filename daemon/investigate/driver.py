@@ -16,7 +16,7 @@ from daemon.investigate.account import Motion
 from daemon.investigate.loop import Drive
 from daemon.json_files import read_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
-from daemon.motion.tool import Tool
+from daemon.motion.tool import FastenedMass, Tool
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
@@ -27,6 +27,7 @@ from identification.robots import Installation
 @dataclass(frozen=True, slots=True)
 class FriDriver:
     """settings: fields of RunRequest. simulation: a fake robot on loopback, which needs no ladder.
+    added_mass: kg, and m from the flange, on top of the tool.
 
     agree: asks before each rung of the ladder on a real arm.
     """
@@ -34,6 +35,7 @@ class FriDriver:
     robot: str
     workspace: Path | None
     tool: Tool | None
+    added_mass: FastenedMass | None
     installation: Installation | None
     settings: dict[str, Any]
     simulation: bool
@@ -83,6 +85,7 @@ class FriDriver:
             amplitude=amplitude,
             workspace=self.workspace,
             tool=self.tool,
+            added_mass=self.added_mass,
             installation=self.installation,
         )
 

@@ -24,7 +24,7 @@ from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
 from daemon.motion.preparation import prepare_motion
-from daemon.motion.tool import carried, read_tool
+from daemon.motion.tool import read_tool
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
 from identification.robots import Installation
@@ -42,7 +42,8 @@ class _QueueDriver:
             trajectory,
             robot=self._account.robot,
             workspace=None if order.workspace_file is None else Path(order.workspace_file),
-            tool=carried(read_tool(order.tool, is_name=True), self._account.added_mass),
+            tool=read_tool(order.tool, is_name=True),
+            added_mass=self._account.added_mass,
             installation=None if order.gravity_m_s2 is None else Installation(order.gravity_m_s2),
         ).preflight.objection
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daemon.api import RunRequest
 from daemon.folders import make_folder
 from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
-from daemon.motion.tool import Tool
+from daemon.motion.tool import FastenedMass, Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.motion.workspace import Surroundings, load_surroundings
 from daemon.motion.workspace_file import WorkspaceFile
@@ -84,6 +84,7 @@ def prepare_motion(
     workspace: Path | None = None,
     model: Path | None = None,
     tool: Tool | None = None,
+    added_mass: FastenedMass | None = None,
     lead_in_s: float = LEAD_IN_S,
     installation: Installation | None = None,
 ) -> PreparedMotion:
@@ -92,7 +93,7 @@ def prepare_motion(
     robot: "iiwa14" or "iiwa7"; None takes the trajectory's own, or iiwa14. workspace: a workspace file, None: a floor
     at the mounting face. model: a model.json to foresee the torque with, None: what is taken to be known of the arm.
     tool: what it says stands before what the workspace file says of the tool; an empty one: nothing is on the flange.
-    installation: how the arm stands, None: as the model says, else on a floor.
+    added_mass: fastened to the tool. installation: how the arm stands, None: as the model says, else on a floor.
     Raises TrajectoryError or ModelFileError (65, 66) for a file that cannot be used, ConfigurationError (78) for a
     workspace file, and LimitsError for a robot without limits; an unsafe motion is returned with its report.
     """
@@ -102,7 +103,7 @@ def prepare_motion(
         raise TrajectoryError(f"{source or 'the shipped excitation'}: {reason}", file=source)
     arm = robot or trajectory.robot or "iiwa14"
     table = trajectory.scaled(amplitude).table(TABLE_RATE_HZ)
-    surroundings = load_surroundings(arm, workspace, tool)
+    surroundings = load_surroundings(arm, workspace, tool, added_mass)
     stand = installation or (ON_THE_FLOOR if model is None else stand_of_model(model))
     foresight = torque_foresight(arm, model, surroundings.tool, stand)
     report = check_table(table, arm, surroundings, foresight, lead_in_s)

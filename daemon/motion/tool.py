@@ -24,6 +24,8 @@ import numpy as np
 from daemon.config import read_settings
 from daemon.errors import ConfigurationError
 
+FastenedMass = tuple[float, float, float, float]
+"""A known mass that is fastened to the tool: kg, and m from the flange."""
 NO_TOOL = "none"
 HEAVIEST_KG = 50.0
 """More than any arm of the family carries: such a mass is meant in grams."""
@@ -125,14 +127,6 @@ def _is_meant_as_more(text: str) -> bool:
         or Path(text).suffix.lower() in (".json", ".toml", ".txt", ".urdf", ".xml")
         or _A_LOAD_ALONE.fullmatch(text) is not None
     )
-
-
-def carried(tool: Tool | None, added_mass: tuple[float, float, float, float] | None) -> Tool | None:
-    """What is on the flange for a preflight: the tool, with the known mass that is fastened to it now.
-
-    added_mass: kg, and m from the flange.
-    """
-    return tool if added_mass is None else (tool or Tool()).with_mass(added_mass[0], added_mass[1:])
 
 
 def check_tool(tool: Tool, file: str | None, place: str = "") -> Tool:

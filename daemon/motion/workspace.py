@@ -17,7 +17,7 @@ import msgspec
 
 from daemon.config import read_settings
 from daemon.errors import ConfigurationError
-from daemon.motion.tool import Tool, check_tool
+from daemon.motion.tool import FastenedMass, Tool, check_tool
 from daemon.motion.workspace_file import Margins, WallEntry, WorkspaceFile
 from safety.collision import ForbiddenBox, Plane, Workspace
 from safety.errors import GeometryError
@@ -56,11 +56,14 @@ class Surroundings:
         return Distances(self.geometry, self.workspace, limits, margins.self_collision_m, margins.workspace_m)
 
 
-def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | None = None) -> Surroundings:
+def load_surroundings(
+    robot: str, file: str | Path | None = None, tool: Tool | None = None, added_mass: FastenedMass | None = None
+) -> Surroundings:
     """Shape of a built-in arm with its tool, and its surroundings; without a file a floor at the mounting face.
 
-    tool: what it says stands before what the file says of the tool; an empty one takes that away. Raises
-    MissingInputError (66), ConfigurationError (78) naming file and field, GeometryError for an unknown robot.
+    tool: what it says stands before what the file says of the tool; an empty one takes that away. added_mass: on top of
+    the tool, whoever told of that. Raises MissingInputError (66), ConfigurationError (78) naming file and field,
+    GeometryError for an unknown robot.
     """
     geometry = load_geometry(robot)
     entry = WorkspaceFile() if file is None else read_settings(file, WorkspaceFile, "workspace")
@@ -74,6 +77,9 @@ def load_surroundings(robot: str, file: str | Path | None = None, tool: Tool | N
         check_tool(entry.tool, str(file), "tool.")
     if tool is not None:
         entry = msgspec.structs.replace(entry, tool=None if tool == Tool() else tool.over(entry.tool))
+    if added_mass is not None:
+        loaded = (entry.tool or Tool()).with_mass(added_mass[0], added_mass[1:])
+        entry = msgspec.structs.replace(entry, tool=loaded)
     names = ["floor", *(f"link {capsule.link}" for capsule in geometry.capsules)]
     walls = []
     for place, wall in enumerate(entry.walls):

@@ -125,19 +125,19 @@ def prepare(job: PreparationJob) -> tuple[Verdict, RunRequest | None]:
     """Load, tabulate and check a motion, in this process; never raises for a bad one."""
     try:
         from daemon.motion.preparation import LEAD_IN_S, prepare_motion, write_run_request
-        from daemon.motion.tool import NO_TOOL, carried, read_tool
+        from daemon.motion.tool import NO_TOOL, read_tool
         from identification.robots import Installation
 
         source = None if job.trajectory_file is None else Path(job.trajectory_file)
         settings = dict(job.settings)
         workspace = settings.pop("workspace_file", None)
-        tool = carried(read_tool(settings.pop("tool", NO_TOOL), is_name=True), settings.pop("added_mass", None))
         motion = prepare_motion(
             source,
             robot=job.robot,
             amplitude=job.amplitude,
             workspace=None if workspace is None else Path(workspace),
-            tool=tool,
+            tool=read_tool(settings.pop("tool", NO_TOOL), is_name=True),
+            added_mass=settings.pop("added_mass", None),
             lead_in_s=settings.pop("lead_in_s", LEAD_IN_S),
             installation=None if (gravity := settings.pop("gravity_m_s2", None)) is None else Installation(gravity),
         )

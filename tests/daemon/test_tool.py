@@ -144,6 +144,20 @@ def test_what_the_option_says_stands_before_the_workspace_file_and_both_go_into_
     assert load_surroundings("iiwa14", request.workspace_file).digest == motion.surroundings.digest
 
 
+def test_a_known_mass_is_fastened_to_the_tool_of_the_workspace_file_and_not_put_in_its_place(tmp_path: Path) -> None:
+    """5 kg at 0.1 m and 2 kg at 0.05 m: 7 kg at 0.6 / 7 m, and 10/7 kg of reduced mass 0.05 m apart."""
+    cell = tmp_path / "cell.yaml"
+    cell.write_text("tool: {mass_kg: 5, center_of_mass_m: [0, 0, 0.1], length_m: 0.2, radius_m: 0.05}\n")
+    for said in (None, read_tool("gripper", is_name=True)):
+        tool = load_surroundings("iiwa14", cell, said, (2.0, 0.0, 0.0, 0.05)).tool
+        assert tool.mass_kg == 7.0
+        assert tool.center_of_mass_m == pytest.approx((0.0, 0.0, 0.6 / 7.0))
+        assert tool.inertia_kg_m2 == pytest.approx((10.0 / 7.0 * 0.05**2, 10.0 / 7.0 * 0.05**2, 0.0, 0.0, 0.0, 0.0))
+        assert (tool.length_m, tool.radius_m) == (0.2, 0.05)
+    bare = load_surroundings("iiwa14", cell, tool_from("none"), (2.0, 0.0, 0.0, 0.05)).tool
+    assert (bare.mass_kg, bare.length_m) == (2.0, None)
+
+
 def test_none_takes_the_tool_of_the_workspace_file_away(tmp_path: Path) -> None:
     cell = tmp_path / "cell.yaml"
     cell.write_text("floor_height_m: -0.5\ntool: {name: old, length_m: 0.2, radius_m: 0.05}\n")
