@@ -7,7 +7,8 @@ from pathlib import Path
 
 from daemon.errors import ConfigurationError
 from daemon.investigate.account import Account, Recorded
-from daemon.investigate.loop import refuse_other_arms, smallest_budget_s
+from daemon.investigate.loop import smallest_budget_s
+from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
 from identification.recordings.reader import read_recording, recording_file
 

@@ -14,14 +14,17 @@ from daemon.api import RUN_NAME, RunEvent, RunOutcome
 from daemon.errors import DaemonError
 from daemon.investigate.account import Motion
 from daemon.investigate.loop import Drive
+from daemon.investigate.same_arm import Stated
 from daemon.json_files import read_json
 from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
 from daemon.motion.tool import FastenedMass, Tool
+from daemon.motion.workspace import load_surroundings
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import RUNGS
 from daemon.run.service import run_acquisition
 from daemon.stop_handle import StopHandle
 from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,11 @@ class FriDriver:
         if rungs and not self.agree(whole, motion.periods):
             return Drive("stopped", None, "The motion was declined; nothing moved.")
         return _drive_of(self._run(whole, folder, motion.periods))
+
+    def stated(self) -> Stated:
+        """As `write_run_request` notes it for the log."""
+        around = load_surroundings(self.robot, self.workspace, self.tool, self.added_mass)
+        return Stated(self.settings.get("serial") or "", around.tool.describe(), self.installation or ON_THE_FLOOR)
 
     def ended(self, folder: Path) -> Drive | None:
         """As run.json of the motion says, or of the highest rung that was begun; a completed rung is no end of it."""

@@ -27,6 +27,7 @@ from daemon.investigate.motions import (
     same_motion,
     shipped_motion,
 )
+from daemon.investigate.same_arm import Stated, refuse_another_arm, refuse_other_arms
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits
@@ -74,6 +75,10 @@ class Driver(Protocol):
         """Drive it and record into a folder."""
         ...
 
+    def stated(self) -> Stated | None:
+        """What the log of a motion will say of arm, tool and stand; None where nothing is known of them."""
+        ...
+
     def ended(self, folder: Path) -> Drive | None:
         """How the motion ended that a killed loop left behind in a folder; None where nobody wrote that down."""
         ...
@@ -99,7 +104,11 @@ class Investigation:
         self._choices: Sequence[tuple[Motion, Trajectory]] = ()
 
     def run(self) -> Account:
-        """Go on from where the account stands until it rests."""
+        """Go on from where the account stands until it rests.
+
+        Raises ConfigurationError where its motions would be of another arm, tool or stand than its recordings.
+        """
+        self._refuse_another_arm()
         doing = {
             State.DIAGNOSING: self._diagnose,
             State.CHOOSING: self._choose,
@@ -304,6 +313,15 @@ class Investigation:
 
     # ---- what they need
 
+    def _refuse_another_arm(self) -> None:
+        """Before anything is computed. An action may turn the tool or the base, and a mass adds to the tool."""
+        account = self.account
+        if account.state in RESTING or account.doing is not None or account.added_mass is not None:
+            return
+        if (stated := self._driver.stated()) is not None:
+            own = [item.file for item in account.recordings if item.action is None and item.added_mass is None]
+            refuse_another_arm(map(read_recording, own), stated)
+
     @property
     def _attempt(self) -> Path:
         return self._folder / f"motion-{self.account.attempts:02d}"
@@ -369,15 +387,3 @@ def _read(recorded: Sequence[Recorded]) -> tuple[Sequence[Recording], RobotModel
 
 def _mass(given: tuple[float, float, float, float] | None) -> AddedMass | None:
     return None if given is None else AddedMass(given[0], given[1:])
-
-
-def refuse_other_arms(recordings: Sequence[Recording]) -> None:
-    """Raise ConfigurationError where two recordings say that they are of different arms or tools."""
-    for name in ("serial", "tool"):
-        said = {item.source.metadata[name]: item.source.path for item in recordings if item.source.metadata.get(name)}
-        if len(said) > 1:
-            (one, first), (other, second) = list(said.items())[:2]
-            raise ConfigurationError(
-                f"its {name} is '{other}', that of {first} is '{one}': recordings of one arm with one tool are needed.",
-                file=second,
-            )

@@ -20,14 +20,17 @@ from daemon.investigate.begin import begun, exit_code
 from daemon.investigate.driver import ended_in
 from daemon.investigate.loop import Drive, Investigation
 from daemon.investigate.motions import describe_motion
+from daemon.investigate.same_arm import Stated
 from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
 from daemon.motion.preparation import prepare_motion
 from daemon.motion.tool import read_tool
+from daemon.motion.workspace import load_surroundings
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
 from identification.robots import Installation
+from identification.robots.installation import ON_THE_FLOOR
 
 
 class _QueueDriver:
@@ -50,6 +53,12 @@ class _QueueDriver:
     def drive(self, motion: Motion, trajectory: Path, folder: Path) -> Drive:
         del motion, trajectory
         return self.ended(folder) or Drive("stopped", None, self._order.run_sentence, self._order.run_exit_code)
+
+    def stated(self) -> Stated:
+        order, tool = self._order, read_tool(self._order.tool, is_name=True)
+        around = load_surroundings(order.robot, order.workspace_file, tool, self._account.added_mass)
+        gravity = order.gravity_m_s2
+        return Stated("", around.tool.describe(), ON_THE_FLOOR if gravity is None else Installation(gravity))
 
     def ended(self, folder: Path) -> Drive | None:
         del folder

@@ -93,6 +93,9 @@ class _RequestDriver:
         out = self.record(load_trajectory(trajectory), motion.periods, folder)
         return Drive("recorded", out, "")
 
+    def stated(self) -> None:
+        return None
+
     def ended(self, folder: Path) -> Drive | None:
         del folder
         return None

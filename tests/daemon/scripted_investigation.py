@@ -41,6 +41,9 @@ class ScriptedDriver:
         (folder / "recording.npz").write_bytes(b"")
         return Drive(outcome, folder / "recording.npz", f"It was {outcome}.")  # type: ignore[arg-type]
 
+    def stated(self) -> None:
+        return None
+
     def ended(self, folder: Path) -> Drive | None:
         file = folder / "recording.npz"
         if (folder / "dropped").is_file():

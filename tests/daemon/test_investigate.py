@@ -6,6 +6,7 @@ Truth: the table below, written from the operator's side. The mathematics is rep
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,11 +16,16 @@ import numpy as np
 import pytest
 
 from daemon.errors import ConfigurationError
+from daemon.investigate import loop as loop_module
 from daemon.investigate import steps as steps_module
 from daemon.investigate.account import Motion, read_account
-from daemon.investigate.loop import Investigation, refuse_other_arms
+from daemon.investigate.driver import FriDriver
+from daemon.investigate.loop import Investigation
+from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import TABLE, Event, State, TransitionError, after
 from daemon.investigate.story import write_story
+from identification.recordings import Recording
+from identification.recordings.reader import read_recording
 from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ScriptedDriver, begun, investigation, scripted_study
 
@@ -306,6 +312,44 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.glob("folder/motion-*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--serial", "82", "--tool", "2@0,0,0.1"), "its serial is '81'"),
+        (("--tool", "none"), "its tool is '2 kg at (0, 0, 0.1) m'"),
+        (("--tool", "2@0,0,0.1", "--mount", "wall"), "the arm stood in gravity (0, 0, -9.81) m/s²"),
+    ],
+)
+def test_what_the_recordings_were_not_made_with_is_refused_before_it_moves(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    sentence: str,
+) -> None:
+    """A run with a tool of 2 kg on arm 81: a motion without that tool would leave it out of the distances."""
+
+    def drive(*_: object, **__: object) -> None:
+        raise AssertionError("a motion was driven")
+
+    def run_of_81(file: str) -> Recording:
+        read = read_recording(file)
+        return replace(read, source=replace(read.source, metadata={"serial": "81", "tool": "2 kg at (0, 0, 0.1) m"}))
+
+    recording(tmp_path / "a.npz")
+    monkeypatch.setattr(loop_module, "read_recording", run_of_81)
+    monkeypatch.setattr(FriDriver, "drive", drive)
+    monkeypatch.setattr(FriDriver, "objection", lambda *_: "")
+    monkeypatch.chdir(tmp_path)
+    assert run("investigate", "--from", "a.npz", "--budget", "3", "--out", "folder", "--yes", *words) == 78
+    said = " ".join(capsys.readouterr().err.split())
+    assert sentence in said
+    assert "nothing was moved" in said
+    # The same command with what is so goes on.
+    words = ("--tool", "2@0,0,0.1", "--mount", "floor", "--serial", "81", "--plan-only")
+    assert run("investigate", "--out", "folder", *words) == 0
 
 
 def test_recordings_of_two_arms_or_tools_are_refused() -> None:

@@ -294,6 +294,7 @@ def _scripted(monkeypatch: pytest.MonkeyPatch) -> None:
         self.account = save(self._folder, msgspec.structs.replace(self.account, pending=motion))
         return Event.CHOSEN
 
+    monkeypatch.setattr(Investigation, "_refuse_another_arm", lambda _: None)
     monkeypatch.setattr(Investigation, "_diagnose", lambda _: Event.OPEN)
     monkeypatch.setattr(Investigation, "_choose", choose)
     monkeypatch.setattr(Investigation, "_check", lambda _: Event.SAFE)

@@ -1,0 +1,57 @@
+"""Whether recordings, and the motions that are still to be driven, are of one arm with one tool that stands in one way.
+
+Motions are refused before they move: a recording of another arm could not be diagnosed together with the others, and a
+tool that the recordings name and the command does not is missing from the distances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from daemon.errors import ConfigurationError
+from identification.recordings import Recording
+from identification.robots import Installation
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What the log of the next motion will say. serial: empty where nobody says one; tool: in words."""
+
+    serial: str
+    tool: str
+    installation: Installation
+
+
+def refuse_other_arms(recordings: Sequence[Recording]) -> None:
+    """Raise ConfigurationError where two recordings say that they are of different arms or tools."""
+    for name in ("serial", "tool"):
+        said = {item.source.metadata[name]: item.source.path for item in recordings if item.source.metadata.get(name)}
+        if len(said) > 1:
+            (one, first), (other, second) = list(said.items())[:2]
+            raise ConfigurationError(
+                f"its {name} is '{other}', that of {first} is '{one}': recordings of one arm with one tool are needed.",
+                file=second,
+            )
+
+
+def refuse_another_arm(recordings: Iterable[Recording], stated: Stated) -> None:
+    """Raise ConfigurationError where a recording says that it is of another arm, tool or stand than what will move."""
+    for item in recordings:
+        for name, now in (("serial", stated.serial), ("tool", stated.tool)):
+            before = item.source.metadata.get(name)
+            if before and now and before != now:
+                raise ConfigurationError(
+                    f"its {name} is '{before}', and the motions of this command would be driven with '{now}': nothing "
+                    f"was moved. --{name} says what is so; recordings of one arm with one tool are needed.",
+                    file=str(item.source.path),
+                )
+        if item.installation.gravity != stated.installation.gravity:
+            before, now = (
+                ", ".join(f"{value:g}" for value in stand.gravity) for stand in (item.installation, stated.installation)
+            )
+            raise ConfigurationError(
+                f"the arm stood in gravity ({before}) m/s² in it, and the motions of this command would be checked and "
+                f"noted with ({now}): nothing was moved. Say with --mount or --gravity how the arm stands.",
+                file=str(item.source.path),
+            )
