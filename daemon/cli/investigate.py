@@ -155,6 +155,8 @@ def _account_in(
         if budget_s is None:
             raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
         return begun(given, robot, budget_s, seed), False
+    if robot not in (None, account.robot):
+        raise ConfigurationError(f"its investigation is of {account.robot}; --robot says {robot}.", file=str(out))
     if given:
         raise ConfigurationError(
             "it holds an investigation already; --from begins a new one: give --out another folder.", file=str(out)

@@ -10,14 +10,14 @@ from daemon.investigate.account import Account, Recorded
 from daemon.investigate.loop import smallest_budget_s
 from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
-from identification.recordings.reader import read_recording, recording_file
+from identification.recordings.reader import read_recording, recording_file, robot_of
 
 
 def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) -> Account:
     """The account of a new investigation. given: recordings or run folders. robot: None is what the recordings say.
 
-    Raises ConfigurationError for a budget that is too short and recordings of different arms, and the errors of
-    `read_recording`.
+    Raises ConfigurationError for a budget that is too short and recordings of different arms, RecordingError
+    where no robot is given and they do not all say the same one, and the errors of `read_recording`.
     """
     least = smallest_budget_s(len(given))
     if budget_s < least:
@@ -28,11 +28,10 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
         )
     read = [read_recording(file) for file in given]
     refuse_other_arms(read)
-    named = {item.robot for item in read if item.robot}
     for file, item in zip(given, read, strict=True):
         if robot is not None and item.robot not in (None, robot):
             raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))
-    arm = robot or (named.pop() if len(named) == 1 else "iiwa14")
+    arm = robot or (robot_of(read) if read else "iiwa14")
     files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
     return Account(robot=arm, seed=seed, budget_s=budget_s, recordings=files)
 

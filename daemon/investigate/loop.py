@@ -219,7 +219,7 @@ class Investigation:
         ]  # fmt: skip
         earlier = self.account.recordings[: self.account.recordings.index(own[0])]
         before = next(item for item in reversed(earlier) if item.action is not None or item is earlier[0])
-        inputs = inputs_of([read_recording(item.file) for item in (before, *own)])
+        inputs = inputs_of([read_recording(item.file) for item in (before, *own)], robot=self.account.robot)
         first, *after_it = inputs.recordings
         outcomes = what_it_told(last.action, first, after_it, found, inputs.robot, _mass(last.added_mass))
         told = tuple(Told(**asdict(item), recording=len(self.account.recordings)) for item in outcomes)
@@ -346,7 +346,7 @@ class Investigation:
         if self._study is None:
             # What was done to the arm is asked of pairs of recordings; the diagnosis is of the arm as it was.
             own = [item for item in self.account.recordings if item.action is None]
-            recordings, robot = _read(own)
+            recordings, robot = _read(own, self.account.robot)
             masses = [_mass(item.added_mass) for item in own]
             self._study = study(
                 [recordings[0], *recordings[2:]],
@@ -378,10 +378,10 @@ class Investigation:
         self.account = save(self._folder, msgspec.structs.replace(self.account, **changes))
 
 
-def _read(recorded: Sequence[Recorded]) -> tuple[Sequence[Recording], RobotModel]:
+def _read(recorded: Sequence[Recorded], robot: str) -> tuple[Sequence[Recording], RobotModel]:
     read = [read_recording(item.file) for item in recorded]
     refuse_other_arms([item for item, at in zip(read, recorded, strict=True) if at.added_mass is None])
-    inputs = inputs_of(read)
+    inputs = inputs_of(read, robot=robot)
     return inputs.recordings, inputs.robot
 
 

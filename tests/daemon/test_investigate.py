@@ -6,6 +6,7 @@ Truth: the table below, written from the operator's side. The mathematics is rep
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,6 +27,7 @@ from daemon.investigate.states import TABLE, Event, State, TransitionError, afte
 from daemon.investigate.story import write_story
 from identification.recordings import Recording
 from identification.recordings.reader import read_recording
+from identification.robots import RobotModel
 from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ScriptedDriver, begun, investigation, scripted_study
 
@@ -280,10 +282,11 @@ def test_a_workspace_without_an_admissible_motion_is_said(tmp_path: Path) -> Non
     assert driver.driven == 0
 
 
-def recording(file: Path, seed: int = 0, robot: str = "iiwa14") -> Path:
+def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
     time = np.arange(4000) * 1e-3
     q = 0.2 * np.sin(2.0 * np.pi * time[:, None] + np.arange(7) + seed)
-    np.savez(file, t=time, q=q, tau=q, robot=np.array(robot), period_s=np.array(1.0))
+    named = {} if robot is None else {"robot": np.array(robot)}
+    np.savez(file, t=time, q=q, tau=q, period_s=np.array(1.0), **named)
     return file
 
 
@@ -293,6 +296,8 @@ def recording(file: Path, seed: int = 0, robot: str = "iiwa14") -> Path:
         (("--budget", "0.5", "--from", "a.npz", "--from", "b.npz"), 78, "too short"),
         (("--budget", "2", "--from", "missing.npz"), 66, "no such recording"),
         (("--budget", "3", "--from", "a.npz", "--robot", "iiwa7"), 78, "it is of iiwa14"),
+        (("--budget", "3", "--from", "nameless.npz"), 65, "does not say which robot it is of; give --robot"),
+        (("--budget", "3", "--from", "a.npz", "--from", "seven.npz"), 65, "is of robot iiwa7"),
         (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
         (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
         ((), 2, "--budget"),
@@ -309,9 +314,29 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     monkeypatch.chdir(tmp_path)
     recording(tmp_path / "a.npz")
     recording(tmp_path / "b.npz", 1)
+    recording(tmp_path / "seven.npz", 1, "iiwa7")
+    recording(tmp_path / "nameless.npz", 1, None)
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.glob("folder/motion-*"))
+
+
+def test_recordings_that_name_no_robot_are_of_the_one_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def studied(recordings: Sequence[Recording], robot: RobotModel, **_: object) -> None:
+        raise ConfigurationError(f"{len(recordings)} recording is studied as one of {robot.name}.")
+
+    monkeypatch.undo()  # the scripted study
+    monkeypatch.setattr(loop_module, "study", studied)
+    monkeypatch.chdir(tmp_path)
+    given = [recording(tmp_path / f"{name}.npz", seed, None) for seed, name in enumerate("ab")]
+    words = ("--from", given[0].name, "--from", given[1].name, "--robot", "iiwa7")
+    assert run("investigate", *words, "--budget", "3", "--out", "folder", "--plan-only") == 78
+    assert "1 recording is studied as one of iiwa7." in capsys.readouterr().err
+    # Nor is the arm of an investigation changed by a word.
+    assert run("investigate", "--robot", "iiwa14", "--out", "folder", "--plan-only") == 78
+    assert "its investigation is of iiwa7; --robot says iiwa14." in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

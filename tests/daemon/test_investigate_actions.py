@@ -44,7 +44,7 @@ def _told(monkeypatch: pytest.MonkeyPatch) -> None:
     trajectory = experiment(np.random.default_rng(1), ROOM, "fourier", None).trajectory("iiwa14")
     monkeypatch.setattr(loop_module, "same_motion", lambda *_: (planned, trajectory))
     monkeypatch.setattr(loop_module, "read_recording", lambda *_: None)
-    monkeypatch.setattr(loop_module, "inputs_of", lambda _: SimpleNamespace(recordings=(None, None), robot=None))
+    monkeypatch.setattr(loop_module, "inputs_of", lambda *_, **__: SimpleNamespace(recordings=(None, None), robot=None))
     monkeypatch.setattr(
         loop_module, "what_it_told", lambda action, *_: (Outcome(action, "an answer", True, "It was the sensor."),)
     )
@@ -118,7 +118,7 @@ def test_a_second_warm_up_is_judged_with_the_first_and_uses_the_time(
 
     monkeypatch.setattr(Investigation, "_studied", with_offset)
     monkeypatch.setattr(loop_module, "read_recording", str)
-    monkeypatch.setattr(loop_module, "inputs_of", lambda read: SimpleNamespace(recordings=read, robot=None))
+    monkeypatch.setattr(loop_module, "inputs_of", lambda read, **_: SimpleNamespace(recordings=read, robot=None))
     monkeypatch.setattr(loop_module, "what_it_told", tell)
     shipped, _ = shipped_motion("iiwa14", 0)
     (tmp_path / shipped.trajectory).write_text(json.dumps(default_trajectory("iiwa14").to_json()), encoding="utf-8")
