@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from daemon.investigate.account import Account, Motion
     from daemon.investigate.driver import FriDriver
     from daemon.motion.preparation import PreparedMotion
+    from daemon.motion.tool import FastenedMass
+    from identification.investigation.actions import Action
+    from identification.investigation.added_mass import AddedMass
     from identification.robots import Installation
 
 
@@ -79,7 +82,6 @@ def investigate(
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
     from daemon.runtime_folder import lock_folder
-    from identification.investigation.actions import Action
     from identification.investigation.equivalences import unasked
 
     host, port = parse_bind(bind)
@@ -91,17 +93,13 @@ def investigate(
     stand = installation_of(gravity, mount, None)
     context.with_resource(lock_folder(out))
     account, resumed = _account_in(out, given or [], robot, None if budget is None else 60.0 * budget, seed)
-    if done is not None and not resumed:
-        raise typer.BadParameter("--done answers what an investigation asked for, and this one only begins.")
+    acted = _acted(done, mass, resumed=resumed)
     account = _in_its_cell(out, account, workspace, tool, stand)
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
         account = msgspec.structs.replace(account, wanted=wanted)
-    acted = None if done is None else Action(done)
-    if mass is not None:
-        acted = Action.ADD_MASS
-        account = msgspec.structs.replace(account, added_mass=(mass.mass_kg, *mass.place_m))
-    driver = _driver(account, host, port, simulation, robot_host=address_of(robot_host),
+    fastened = account.added_mass if mass is None else (mass.mass_kg, *mass.place_m)
+    driver = _driver(account, fastened, host, port, simulation, robot_host=address_of(robot_host),
                      fri_version=version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
     def ask(motion: Motion) -> bool | None:
@@ -115,10 +113,12 @@ def investigate(
         with bar_put_away():
             return typer.confirm("Drive it", err=True)
 
+    if not resumed:
+        account = msgspec.structs.replace(account, added_mass=fastened)
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show)
         if resumed:
-            loop.resume(after_drop=after_drop, acted=acted)
+            loop.resume(after_drop=after_drop, acted=acted, added_mass=fastened)
         account = loop.run()
     page = write_story(out, account)
     if told_in_words(msgspec.to_builtins(account), json_file):
@@ -131,6 +131,19 @@ def investigate(
         data(f"The page to open: {page}")
     if code := exit_code(account):
         raise typer.Exit(code)
+
+
+def _acted(done: str | None, mass: AddedMass | None, *, resumed: bool) -> Action | None:
+    """What the operator did to the arm. Raises a usage error for two actions, and for one that nothing asked for."""
+    from identification.investigation.actions import Action
+
+    if done is None:
+        return None if mass is None else Action.ADD_MASS
+    if mass is not None:
+        raise typer.BadParameter("--done and --added-mass are two actions, and one motion shows what one of them does.")
+    if not resumed:
+        raise typer.BadParameter("--done answers what an investigation asked for, and this one only begins.")
+    return Action(done)
 
 
 def _account_in(
@@ -181,7 +194,9 @@ def _in_its_cell(
     return save(out, msgspec.structs.replace(account, cell=cell))
 
 
-def _driver(account: Account, host: str, port: int, simulation: bool, **settings: object) -> FriDriver:
+def _driver(
+    account: Account, added_mass: FastenedMass | None, host: str, port: int, simulation: bool, **settings: object
+) -> FriDriver:
     from daemon.investigate.driver import FriDriver
     from identification.robots import Installation
 
@@ -199,7 +214,7 @@ def _driver(account: Account, host: str, port: int, simulation: bool, **settings
         robot=account.robot,
         workspace=None if cell.workspace is None else Path(cell.workspace),
         tool=tool_from(cell.tool),
-        added_mass=account.added_mass,
+        added_mass=added_mass,
         installation=None if cell.gravity_m_s2 is None else Installation(cell.gravity_m_s2),
         settings={"bind_host": host, "bind_port": port, **settings},
         simulation=simulation,

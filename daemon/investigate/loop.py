@@ -30,6 +30,7 @@ from daemon.investigate.motions import (
 from daemon.investigate.same_arm import Stated, refuse_another_arm, refuse_other_arms
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
+from daemon.motion.tool import FastenedMass
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
@@ -126,22 +127,24 @@ class Investigation:
         self._diagnose()
         return self.account
 
-    def resume(self, *, after_drop: bool = False, acted: Action | None = None) -> None:
+    def resume(
+        self, *, after_drop: bool = False, acted: Action | None = None, added_mass: FastenedMass | None = None
+    ) -> None:
         """Stand where a person may be asked again. Raises ConfigurationError after a drop that nobody released, and for
         an action that nothing asks for: its motion would count as one of the arm as it was.
 
-        acted: what the operator did to the arm since.
+        acted: what the operator did to the arm since. added_mass: on the flange from now on, and not in a motion that
+        was driven before; None: what was there.
 
         A motion whose recording is whole on disk is taken as recorded; one that was broken off is asked for anew, one
         in which the robot dropped out is as if nobody had been killed.
         """
+        expected = (None, Action.ADD_MASS, self.account.doing)
         ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
         if ended is not None:
             event = self._came_of(ended)
             self._keep(state=after(self.account.state, event))
-            if event is Event.RECORDED:
-                return
-        state = self.account.state
+        state, mass = self.account.state, added_mass or self.account.added_mass
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
                 "in the last motion the robot dropped out of the session, or nobody saw the arm come to rest, and "
@@ -150,11 +153,11 @@ class Investigation:
             )
         if state in (State.NEEDS_ACTION, State.SETTLED):
             if acted is not None:
-                self._keep(state=after(state, Event.ACTED), doing=acted)
+                self._keep(state=after(state, Event.ACTED), doing=acted, added_mass=mass)
             elif state is State.SETTLED and self.account.wanted:
                 self._keep(state=after(state, Event.RESUMED))
             return
-        if acted not in (None, Action.ADD_MASS, self.account.doing):
+        if acted not in expected:
             raise ConfigurationError(
                 f"it is {state.value.replace('_', ' ')}, and nothing asks for `--done {acted}` now: what was done to "
                 "the arm counts where the investigation needs an action or is settled. Once the arm is as it was, give "
@@ -162,7 +165,7 @@ class Investigation:
                 file=str(self._folder),
             )
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
-        self._keep(state=after(state, event))
+        self._keep(state=after(state, event), added_mass=mass)
 
     # ---- the states
 

@@ -25,7 +25,7 @@ from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
 from daemon.motion.preparation import prepare_motion
-from daemon.motion.tool import read_tool
+from daemon.motion.tool import FastenedMass, read_tool
 from daemon.motion.workspace import load_surroundings
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.investigation.actions import Action
@@ -36,17 +36,17 @@ from identification.robots.installation import ON_THE_FLOOR
 class _QueueDriver:
     """Drives nothing: says how the queue's run ended that drove the pending motion."""
 
-    def __init__(self, order: Order, account: Account) -> None:
-        self._order, self._account = order, account
+    def __init__(self, order: Order, robot: str, added_mass: FastenedMass | None) -> None:
+        self._order, self._robot, self._added_mass = order, robot, added_mass
 
     def objection(self, trajectory: Path) -> str:
         order = self._order
         return prepare_motion(
             trajectory,
-            robot=self._account.robot,
+            robot=self._robot,
             workspace=None if order.workspace_file is None else Path(order.workspace_file),
             tool=read_tool(order.tool, is_name=True),
-            added_mass=self._account.added_mass,
+            added_mass=self._added_mass,
             installation=None if order.gravity_m_s2 is None else Installation(order.gravity_m_s2),
         ).preflight.objection
 
@@ -56,7 +56,7 @@ class _QueueDriver:
 
     def stated(self) -> Stated:
         order, tool = self._order, read_tool(self._order.tool, is_name=True)
-        around = load_surroundings(order.robot, order.workspace_file, tool, self._account.added_mass)
+        around = load_surroundings(order.robot, order.workspace_file, tool, self._added_mass)
         gravity = order.gravity_m_s2
         return Stated("", around.tool.describe(), ON_THE_FLOOR if gravity is None else Installation(gravity))
 
@@ -81,7 +81,8 @@ def step(order: Order) -> Account:
     acted = None if order.done is None else Action(order.done)
     if order.added_mass is not None:
         acted = Action.ADD_MASS
-        account = msgspec.structs.replace(account, added_mass=order.added_mass)
+        if began:
+            account = msgspec.structs.replace(account, added_mass=order.added_mass)
     account = save(folder, account)
     answers = _answers(order, account)
     if account.state in RESTING and not (began or order.goes_on or answers):
@@ -90,9 +91,12 @@ def step(order: Order) -> Account:
     def ask(motion: Motion) -> bool | None:
         return answers.pop(motion.number, None)
 
-    loop = Investigation(folder, account, _QueueDriver(order, account), ask=ask, tell=_tell, progress=_silent)
+    mass = order.added_mass or account.added_mass
+    loop = Investigation(
+        folder, account, _QueueDriver(order, account.robot, mass), ask=ask, tell=_tell, progress=_silent
+    )
     if not began:
-        loop.resume(after_drop=order.after_drop, acted=acted)
+        loop.resume(after_drop=order.after_drop, acted=acted, added_mass=mass)
     return loop.run()
 
 

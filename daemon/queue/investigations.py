@@ -42,12 +42,18 @@ class Investigations:
 
     def add(self, request: SubmitInvestigation, done: Callable[[str, OSError | None], None]) -> None:
         """Take one in, or go on with one that rests; `done` is called once it is stored. Raises RefusedRequestError."""
+        if request.done is not None and request.added_mass is not None:
+            reason = "--done and --added-mass are two actions, and one motion shows what one of them does."
+            raise RefusedRequestError("two_actions", reason, 2)
         if request.job_id is not None:
             self._go_on(request, request.job_id)
             done(request.job_id, None)
             return
         if request.budget_minutes is None:
             raise RefusedRequestError("no_budget", "Say how many minutes the arm may move at most.", 2)
+        if request.done is not None:
+            reason = "--done answers what an investigation asked for, and this one only begins."
+            raise RefusedRequestError("nothing_asked", reason, 2)
         if len(self._store.all("investigation", "queued", "running", "held")) >= MAXIMUM_WAITING:
             raise RefusedRequestError("queue_full", f"{MAXIMUM_WAITING} investigations are open already.", 69)
         runs = [self._store.jobs.get(number) for number in request.recordings]

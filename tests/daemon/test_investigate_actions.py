@@ -17,7 +17,7 @@ import pytest
 from daemon.errors import ConfigurationError
 from daemon.investigate import loop as loop_module
 from daemon.investigate import steps as steps_module
-from daemon.investigate.account import Motion, Recorded
+from daemon.investigate.account import Motion, Recorded, read_account
 from daemon.investigate.loop import Investigation
 from daemon.investigate.motions import SAME_MOTION, shipped_motion
 from daemon.investigate.states import State
@@ -56,15 +56,30 @@ def test_a_mass_that_is_asked_for_and_fastened_leads_on(tmp_path: Path) -> None:
     again = investigation(tmp_path, account, ScriptedDriver())
     again.resume()
     assert again.account.state is State.NEEDS_ACTION
-    fastened = msgspec.structs.replace(account, added_mass=(2.0, 0.0, 0.0, 0.05))
-    again = investigation(tmp_path, fastened, ScriptedDriver())
-    again.resume(acted=Action.ADD_MASS)
+    again.resume(acted=Action.ADD_MASS, added_mass=(2.0, 0.0, 0.0, 0.05))
     done = again.run()
     assert done.state is State.SETTLED
     assert [item.added_mass for item in done.recordings] == [None, None, *[(2.0, 0.0, 0.0, 0.05)] * 2]
     assert [item.action for item in done.recordings] == [None, None, Action.ADD_MASS, None]
     assert [item.sentence for item in done.told] == ["It was the sensor."]
     assert "It was the sensor." in done.sentence
+
+
+@pytest.mark.usefixtures("_told")
+def test_a_mass_that_is_fastened_after_a_kill_was_not_on_the_flange_in_the_motion_before_it(tmp_path: Path) -> None:
+    """Its torque was taken out of a recording that it was not in."""
+    pending = Motion(number=3, kind="k", purpose="to learn", trajectory="t.json", periods=4, seconds=40.0)
+    account = begun(tmp_path, state=State.RECORDING, pending=pending, attempts=1)
+    (tmp_path / "motion-01").mkdir()
+    (tmp_path / "motion-01" / "recording.npz").touch()  # whole when the kill came
+    again = investigation(tmp_path, account, ScriptedDriver())
+    again.resume(acted=Action.ADD_MASS, added_mass=(2.0, 0.0, 0.0, 0.05))
+    done = again.run()
+    assert [item.added_mass for item in done.recordings] == [None, None, None, (2.0, 0.0, 0.0, 0.05)]
+    assert read_account(tmp_path) == done
+    killed = investigation(tmp_path, account, ScriptedDriver())
+    with pytest.raises(ConfigurationError, match="nothing asks for `--done turn_tool`"):
+        killed.resume(acted=Action.TURN_TOOL)
 
 
 def with_offset(self: Investigation) -> Any:

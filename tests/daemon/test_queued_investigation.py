@@ -247,6 +247,8 @@ def test_a_run_that_a_restart_found_under_way_is_told_as_interrupted(tmp_path: P
     ("request_", "code"),
     [
         ({"budget_minutes": None}, 2),
+        ({"done": "warm_up"}, 2),
+        ({"done": "warm_up", "added_mass": (2.0, 0.0, 0.0, 0.05), "job_id": "20261121T103000123Z"}, 2),
         ({"recordings": ("20261121T103000123Z",)}, 66),
         ({"job_id": "20261121T103000123Z"}, 66),
     ],
