@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import coal
 import numpy as np
 
 from safety.errors import GeometryError
-from safety.geometry import Capsule, RobotGeometry
+from safety.geometry import TOOL, Capsule, RobotGeometry
 from safety.limits import FloatArray
 
 _Key = TypeVar("_Key")
@@ -119,7 +119,7 @@ class _Part:
     """One capsule along a path: its pose per row (made when asked for) and what coal needs."""
 
     capsule: Capsule
-    shape: coal.Capsule
+    shape: coal.Capsule | coal.Cylinder
     rotations: FloatArray  # (N, 3, 3), z along the segment
     centers: FloatArray  # (N, 3)
     reach: FloatArray  # (n,)
@@ -139,10 +139,24 @@ def self_collision_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]
     With at most one bending joint in between, its position limit alone keeps the housings apart, by the maker's design;
     our capsules, thicker than the housings, would report contact near the limit.
     """
+    return _pairs_with(geometry, lambda bends: bends >= 2)
+
+
+def tool_pairs(geometry: RobotGeometry) -> tuple[tuple[int, int], ...]:
+    """Pairs of links that are held against each other because of a tool on the second; empty without one.
+
+    Those with one bending joint in between: its position limit keeps the housings apart, and no tool off the forearm.
+    """
+    has_tool = any(capsule.part == TOOL for capsule in geometry.capsules)
+    nearer = _pairs_with(geometry, lambda bends: bends == 1)
+    return tuple(pair for pair in nearer if has_tool and pair[1] == geometry.joint_count)
+
+
+def _pairs_with(geometry: RobotGeometry, wanted: Callable[[int], bool]) -> tuple[tuple[int, int], ...]:
+    """Pairs of links by the number of bending joints between them."""
     links = range(geometry.joint_count + 1)
-    return tuple(
-        (i, j) for i in links for j in links[i + 1 :] if sum(i < joint <= j for joint in geometry.bending_joints) >= 2
-    )
+    bends = {(i, j): sum(i < joint <= j for joint in geometry.bending_joints) for i in links for j in links[i + 1 :]}
+    return tuple(pair for pair, count in bends.items() if wanted(count))
 
 
 def self_clearances(
@@ -157,15 +171,16 @@ def self_clearances(
     parts = _parts(path, geometry)
     steps = np.abs(np.diff(path, axis=0)) + turn_rad
     best: dict[tuple[int, int], Clearance] = {}
-    pairs = set(self_collision_pairs(geometry))
+    pairs, with_tool = set(self_collision_pairs(geometry)), set(tool_pairs(geometry))
     for a, first in enumerate(parts):
         for second in parts[a + 1 :]:
             links = (first.capsule.link, second.capsule.link)
-            if links not in pairs:
+            if links not in pairs and not (links in with_tool and second.capsule.part == TOOL):
                 continue
+            body = second if links in pairs else _beyond_the_flange(second)
             # Joints before the first link move both alike, so only those between the two count.
             reach = np.where(np.arange(geometry.joint_count) >= links[0], second.reach, 0.0)
-            found = _search(_distance(first, second), _travel(steps, reach))
+            found = _search(_distance(first, body), _travel(steps, reach))
             _keep(best, links, Clearance(f"link {links[0]}", f"link {links[1]}", *found))
     return tuple(sorted(best.values(), key=lambda clearance: clearance.guaranteed_m))
 
@@ -225,6 +240,16 @@ def _parts(path: FloatArray, geometry: RobotGeometry) -> list[_Part]:
             )
         )
     return parts
+
+
+def _beyond_the_flange(tool: _Part) -> _Part:
+    """The tool as a cylinder from the flange's face to the tip of its capsule. The round rear end of that lies in the
+    wrist, and would touch the forearm where nothing does.
+    """
+    radius = tool.capsule.radius_m
+    length = 2.0 * tool.shape.halfLength + radius
+    centers = tool.centers + radius / 2.0 * tool.rotations[:, :, 2]
+    return replace(tool, shape=coal.Cylinder(radius, length), centers=centers, poses={})
 
 
 def _fixed(box: ForbiddenBox) -> tuple[coal.Box, coal.Transform3s]:

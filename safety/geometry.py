@@ -124,6 +124,8 @@ class RobotGeometry:
         """
         reach = np.zeros(self.joint_count)
         distance = capsule.extent_m
+        if capsule.part == TOOL:
+            distance = math.hypot(distance, capsule.radius_m)  # to the rim of the cylinder that it is taken for
         for j in range(capsule.link - 1, -1, -1):
             # The origin of frame j lies on the axis of joint j, so the chain from there to the capsule is a bound.
             reach[j] = distance

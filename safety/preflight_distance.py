@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from safety.collision import Clearance, Workspace, self_clearances, self_collision_pairs, workspace_clearances
+from safety.collision import (
+    Clearance,
+    Workspace,
+    self_clearances,
+    self_collision_pairs,
+    tool_pairs,
+    workspace_clearances,
+)
 from safety.geometry import SELF_COLLISION_MARGIN_M, WORKSPACE_MARGIN_M, RobotGeometry
 from safety.limits import FloatArray, JointLimits
 from safety.preflight_report import Check
@@ -118,7 +125,7 @@ class Distances:
 
     def _judge(self, best: dict[str, Clearance]) -> tuple[tuple[Check, Check], tuple[Clearance, ...]]:
         closest = sorted(best.values(), key=lambda each: each.guaranteed_m)
-        links = {f"link {i} - link {j}" for i, j in self_collision_pairs(self.geometry)}
+        links = {f"link {i} - link {j}" for i, j in (*self_collision_pairs(self.geometry), *tool_pairs(self.geometry))}
         own = [each for each in closest if each.pair in links]
         outer = [each for each in closest if each.pair not in links]
         checks = (

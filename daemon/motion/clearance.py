@@ -35,6 +35,8 @@ _START_ROWS = np.linspace(0.0, 1.0, 9)[:-1]
 class Room:
     """The penalty k · mean over samples of Σ max(0, 1 − d / d_wanted)², d the distances of balls and obstacles, m.
 
+    The tool beside forearm and elbow is left to the preflight: they are nearer than d_wanted at most angles of A6.
+
     wanted_m: distance from floor, walls and boxes; wanted_self_m: between links. start: (n,) rad, where the arm stands
     before the motion, None for anywhere; the straight way from there to the row where the start ramp ends is kept free.
     start_share: of the period, where that row lies.

@@ -74,6 +74,36 @@ def test_pairs_have_two_bending_joints_between_them() -> None:
         assert neighbours not in pairs
 
 
+@pytest.mark.parametrize(("length", "radius"), [(0.2, 0.08), (0.02, 0.1)])
+def test_a_wide_tool_is_held_off_the_forearm_that_one_bending_joint_folds_it_to(length: float, radius: float) -> None:
+    """Truth: points on the rim and the axis of the flange's face and of what lies before it, to the housings' axes."""
+    geometry = GEOMETRY.with_tool(length, radius)
+    around = np.linspace(0.0, 2.0 * np.pi, 73)[:, None]
+    rings = [
+        np.column_stack([share * radius * np.cos(around), share * radius * np.sin(around), np.full((73, 1), z)])
+        for z in np.linspace(0.126, 0.126 + length + radius, 13)
+        for share in np.linspace(0.0, 1.0, 5)
+    ]
+    local = np.concatenate(rings)
+    for bend in (-2.09, 1.2, 2.09):
+        q = np.array([0.3, -0.5, 0.2, 0.9, 1.1, bend, -0.7])
+        rotations, origins = geometry.link_poses(q[None])
+        tool = origins[0, 7] + local @ rotations[0, 7].T
+        found = {clearance.pair: clearance for clearance in self_clearances(q[None], geometry)}
+        for link in (4, 5):
+            near = min(
+                np.linalg.norm(tool[:, None] - _points(geometry, part, q, 61)[None], axis=2).min() - part.radius_m
+                for part in geometry.capsules
+                if part.link == link
+            )
+            # Where they overlap, the depth is measured along another way.
+            if near > 0.0:
+                assert found[f"link {link} - link 7"].distance_m == pytest.approx(near, abs=3e-3)
+            else:
+                assert found[f"link {link} - link 7"].distance_m < 0.0
+    assert not {"link 5 - link 7", "link 4 - link 7"} & {each.pair for each in self_clearances(q[None], GEOMETRY)}
+
+
 def test_the_guaranteed_distance_holds_on_a_denser_path() -> None:
     """A coarse path's bound is below what any point between its samples shows; the fine path is the witness."""
     generator = np.random.default_rng(12)
