@@ -239,9 +239,9 @@ class Investigation:
             self._choices = (shipped_motion(self.account.robot, given),)
             return Event.CHOSEN
         if self.account.doing is not None:
-            if self.account.left_s < PERIOD_S * SECOND_PERIODS:
-                return self._out_of_time()
             self._choices = (same_motion(self.account, self._folder),)
+            if self._choices[0][0].seconds > self.account.left_s:
+                return self._out_of_time()
             return Event.CHOSEN
         found = self._studied()
         random = np.random.default_rng([self.account.seed, given])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from daemon.investigate.account import Account, Motion
+from daemon.investigate.account import Account, Motion, Recorded
 from identification.excitation import (
     TableTrajectory,
     Trajectory,
@@ -71,8 +71,10 @@ def same_motion(account: Account, folder: Path) -> Planned:
     Longer, where there is time, after an action that was done before and did not tell: the two are judged together.
     """
     number, first = len(account.recordings) + 1, account.recordings[0]
+    trajectory = _motion_of(first, account.robot, folder)
     again = account.doing is not None and account.recordings[-1].action is account.doing
-    periods = min(FIRST_PERIODS, int(account.left_s / PERIOD_S)) if again else SECOND_PERIODS
+    fitting = int(account.left_s / trajectory.period_s) if again else SECOND_PERIODS
+    periods = max(SECOND_PERIODS, min(FIRST_PERIODS, fitting))
     done = "" if account.doing is None else account.doing.value.replace("_", " ")
     motion = Motion(
         number=number,
@@ -80,13 +82,18 @@ def same_motion(account: Account, folder: Path) -> Planned:
         purpose=f"the first motion once more after the action '{done}': what it changed",
         trajectory=f"trajectory-{number:02d}.json",
         periods=periods,
-        seconds=PERIOD_S * periods,
+        seconds=round(trajectory.period_s * periods, 3),
     )
+    return motion, trajectory
+
+
+def _motion_of(first: Recorded, robot: str, folder: Path) -> Trajectory:
+    """The motion of a recording: its file, or what was measured where it was given, whatever its period is."""
     if first.motion is not None:
-        return motion, load_trajectory(folder / first.motion.trajectory)
+        return load_trajectory(folder / first.motion.trajectory)
     average = average_periods(period_table(read_recording(first.file)))
     table = smooth_motion(average, DiagnosisSettings().motion_bandwidth_hz)[0]
-    return motion, TableTrajectory(table, 1.0 / average.sampling_period_s, account.robot)
+    return TableTrajectory(table, 1.0 / average.sampling_period_s, robot)
 
 
 def describe_motion(motion: Motion) -> str:

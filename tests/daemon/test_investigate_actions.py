@@ -153,6 +153,25 @@ def test_a_second_warm_up_is_judged_with_the_first_and_uses_the_time(
     assert [item.motion.periods for item in warm if item.motion is not None] == [4, 8]
 
 
+@pytest.mark.parametrize(
+    ("budget_s", "state", "used_s"), [(79.0, State.OUT_OF_BUDGET, 0.0), (80.0, State.PLANNED, 80.0)]
+)
+def test_a_given_motion_that_is_driven_again_counts_with_its_own_period(
+    tmp_path: Path, budget_s: float, state: State, used_s: float
+) -> None:
+    """Four periods of 20 s are 80 s of motion, whatever the period of the program's own motions is."""
+    time = np.arange(8000) * 5e-3
+    q = 0.2 * np.sin(2.0 * np.pi * time[:, None] / 20.0 + np.arange(7))
+    np.savez(tmp_path / "slow.npz", t=time, q=q, tau=q, period_s=20.0, robot="iiwa14")
+    given = (Recorded(file=str(tmp_path / "slow.npz")),) * 2
+    account = begun(tmp_path, state=State.NEEDS_ACTION, recordings=given, budget_s=budget_s)
+    again = investigation(tmp_path, account, ScriptedDriver(), ask=lambda *_: None)
+    again.resume(acted=Action.WARM_UP)
+    account = again.run()
+    assert account.state is state
+    assert (0.0 if account.pending is None else account.pending.seconds) == used_s
+
+
 @pytest.mark.usefixtures("_told")
 @pytest.mark.parametrize(
     ("wanted", "ask", "action"),
