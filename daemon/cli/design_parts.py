@@ -18,8 +18,9 @@ import typer
 from daemon.cli.output import data, message, show_table
 from daemon.cli.protection import in_its_folder
 from daemon.motion.clearance import Room, room_of, safe_in
-from daemon.motion.workspace import load_surroundings
+from daemon.motion.workspace import Surroundings, load_surroundings
 from identification.base_parameters import BaseRegressor
+from identification.errors import DesignError
 from identification.excitation import FourierTrajectory, Trajectory, default_trajectory
 from identification.excitation.design import DesignProgress
 from identification.excitation.effect_report import TOOL_STRENGTH, ShownEffect, effects_shown
@@ -32,6 +33,8 @@ from identification.physical_parameters import PhysicalParameters
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import Installation
 from identification.robots.joint_units import in_units
+from safety.limits import limits_for
+from safety.preflight_distance import SampledPath, nearest_sentence
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,6 +54,7 @@ def surroundings(
     pose = None if start is None else np.array(read_numbers("--from", start.split(","), model.n))
     if pose is not None:
         _refuse_beyond(limits, pose)
+        _refuse_contact(around, model.name, pose)
     told = workspace is not None or start is not None
     return safe_in(around, model.name, pose, stand), room_of(around, pose, period_s) if told else None
 
@@ -60,6 +64,14 @@ def _refuse_beyond(limits: ExcitationLimits, pose: FloatArray) -> None:
     for joint, (low, value, high) in enumerate(zip(limits.position_lower, pose, limits.position_upper, strict=True), 1):
         if not low <= value <= high:
             raise typer.BadParameter(f"--from: joint {joint} at {value:g} rad is not in {low:.3f} to {high:.3f} rad.")
+
+
+def _refuse_contact(around: Surroundings, robot: str, pose: FloatArray) -> None:
+    """Raises DesignError for a pose that is nearer to anything than the margins: no motion that is found could help."""
+    _, distances = around.distances(limits_for(robot)).check([SampledPath(pose[None], 0.0)], "start ramp")
+    if near := [item for item in distances if not item.kept]:
+        closest = min(near, key=lambda item: item.guaranteed_m - item.margin_m)
+        raise DesignError(f"No motion can begin at the pose of --from: {nearest_sentence(closest)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,19 @@ def test_what_cannot_be_designed_ends_with_the_contracts_exit_code(
     assert not (tmp_path / "m.json").exists()
 
 
+def test_a_pose_in_the_floor_is_refused_before_anything_is_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The upper arm level at 0.36 m, the forearm of 0.4 m at 204.6° from upright: the wrist is 4 mm below the floor."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("identification.excitation.design.design_excitation", lambda *_, **__: pytest.fail("searched"))
+    assert run("design", "--from", "0,1.5708,0,-2.0,0,0,0") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "No motion can begin at the pose of --from: link" in said
+    assert "and floor overlap by" in said
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_joint_without_a_limit_has_no_share_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     show_verified({
         "samples": 10, "position": [0.5], "velocity": [0.5], "acceleration": [0.0], "rest_at_start": [0.0, 0.0, 0.0],
