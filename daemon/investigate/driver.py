@@ -16,6 +16,7 @@ from daemon.investigate.account import Motion
 from daemon.investigate.loop import Drive
 from daemon.investigate.same_arm import Stated
 from daemon.json_files import read_json
+from daemon.log.parts import state_of_recording
 from daemon.motion.preparation import PreparedMotion, prepare_motion, write_run_request
 from daemon.motion.tool import FastenedMass, Tool
 from daemon.motion.workspace import load_surroundings
@@ -79,10 +80,11 @@ class FriDriver:
 
     def ended(self, folder: Path) -> Drive | None:
         """As run.json of the motion says, or of the highest rung that was begun; a completed rung is no end of it."""
-        if (last := ended_in(folder)) is not None:
+        if (last := ended_in(folder) or _begun_in(folder)) is not None:
             return last
         for rung in reversed(RUNGS[:-1]):
-            if (drive := ended_in(_rung_folder(folder, rung))) is not None:
+            at = _rung_folder(folder, rung)
+            if (drive := ended_in(at) or _begun_in(at)) is not None:
                 return None if drive.outcome == "recorded" else drive
         return None
 
@@ -119,6 +121,17 @@ def ended_in(folder: Path) -> Drive | None:
         return _drive_of(read_json(folder / RUN_NAME, RunOutcome))
     except DaemonError:
         return None
+
+
+def _begun_in(folder: Path) -> Drive | None:
+    """Of a run that left a recording and no account, as where all its processes were killed at once."""
+    if state_of_recording(folder) == "none":
+        return None
+    sentence = (
+        "no run.json says how this motion ended (processes of it that are left write one soon), and nobody saw the "
+        "arm come to rest: nothing moves again by itself. Look at the arm and the cabinet, then add --after-drop."
+    )
+    return Drive("unknown", None, sentence)
 
 
 def _drive_of(outcome: RunOutcome) -> Drive:

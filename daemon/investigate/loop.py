@@ -56,10 +56,11 @@ MOST_CONFIRMING = 2
 class Drive:
     """How a motion ended. recording: what was recorded, None: nothing that can be used. exit_code: of the run.
 
-    outcome: "unsafe" where its check found against it, so that it was not begun.
+    outcome: "unsafe" where its check found against it, so that it was not begun; "unknown" where a recording was begun
+    and nobody wrote down how it ended.
     """
 
-    outcome: Literal["recorded", "stopped", "dropped", "unsafe"]
+    outcome: Literal["recorded", "stopped", "dropped", "unsafe", "unknown"]
     recording: Path | None
     sentence: str
     exit_code: int = 1
@@ -141,9 +142,12 @@ class Investigation:
         """
         expected = (None, Action.ADD_MASS, self.account.doing)
         ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
-        if ended is not None:
-            event = self._came_of(ended)
-            self._keep(state=after(self.account.state, event))
+        if ended is not None and ended.outcome == "unknown":
+            # Not noted: where processes of the run are left, they soon write down how it ended.
+            if not after_drop:
+                raise ConfigurationError(ended.sentence, file=str(self._attempt))
+        elif ended is not None:
+            self._keep(state=after(self.account.state, self._came_of(ended)))
         state, mass = self.account.state, added_mass or self.account.added_mass
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from daemon.investigate.account import Account, Motion, Recorded, save
-from daemon.investigate.loop import Drive, Investigation
+from daemon.investigate.loop import Drive, Driver, Investigation
 from identification.excitation import iiwa_limits
 from identification.investigation.choice import Choice, Design
 from identification.investigation.experiments import Room, experiment
@@ -79,6 +79,6 @@ def begun(folder: Path, **changes: Any) -> Account:
     return save(folder, msgspec.structs.replace(account, **changes))
 
 
-def investigation(folder: Path, account: Account, driver: ScriptedDriver, **options: Any) -> Investigation:
+def investigation(folder: Path, account: Account, driver: Driver, **options: Any) -> Investigation:
     options = {"ask": lambda *_: True, "tell": lambda *_: None, "progress": lambda *_: None} | options
     return Investigation(folder, account, driver, **options)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.api import RunOutcome, RunRequest
+from daemon.errors import ConfigurationError
 from daemon.investigate import driver as driver_module
 from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
@@ -21,6 +22,7 @@ from daemon.motion.preparation import PreparedMotion, prepare_motion
 from daemon.queue.investigation_step import ORDER_NAME, Order
 from daemon.stop_handle import StopHandle
 from tests.daemon.command_line import run
+from tests.daemon.scripted_investigation import begun, investigation
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +140,30 @@ def test_a_workspace_that_cannot_be_read_begins_nothing(tmp_path: Path) -> None:
     cell.write_text("{boxes: 3}")
     assert investigate(tmp_path / "question", "--budget", "4", "--workspace", str(cell), "--plan-only") == 78
     assert read_account(tmp_path / "question") is None
+
+
+@pytest.mark.parametrize("folder", ["motion-01", "motion-01-amplitude-0.25"])
+def test_a_motion_of_which_every_process_was_killed_is_latched_as_one_in_which_nobody_saw_the_arm_stop(
+    tmp_path: Path, folder: str
+) -> None:
+    """A recording was begun, no run.json was written. What was killed before a recording began is asked for again."""
+    pending = Motion(number=1, kind="k", purpose="to learn", trajectory="t.json", periods=4, seconds=40.0)
+    account = begun(tmp_path, state=State.RECORDING, pending=pending, attempts=1, recordings=())
+    driver = FriDriver(
+        robot="iiwa14", workspace=None, tool=None, added_mass=None, installation=None, settings={}, simulation=True,
+        observe=lambda _: None, agree=lambda *_: True,
+    )  # fmt: skip
+    never_began = investigation(tmp_path, account, driver)
+    never_began.resume()
+    assert never_began.account.state is State.ASKING
+    (tmp_path / folder).mkdir()
+    (tmp_path / folder / "recording.mcap").write_bytes(b"\x89MCAP0\r\n")
+    again = investigation(tmp_path, account, driver)
+    with pytest.raises(ConfigurationError, match="--after-drop"):
+        again.resume()
+    assert again.account.state is State.RECORDING
+    again.resume(after_drop=True)
+    assert again.account.state is State.ASKING
 
 
 def test_on_a_real_arm_nobody_is_asked_about_a_motion_of_which_a_rung_is_unsafe(
