@@ -19,7 +19,7 @@ from identification.estimators.least_squares import LeastSquaresResult
 from identification.fitting.band import BandChoice, choose_low_pass
 from identification.fitting.blocks import Block, build_block
 from identification.fitting.choice import Rival, with_choice
-from identification.fitting.delay import earlier, estimate_delay, torque_rate
+from identification.fitting.delay import SMALL_DELAY_S, earlier, estimate_delay, torque_rate
 from identification.fitting.drives import choose_drive_parameters, offsets_are_clear
 from identification.fitting.estimate import (
     Estimate,
@@ -39,8 +39,6 @@ from identification.fitting.settings import FitSettings, Progress, Split
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 
-SMALL_DELAY_S = 1e-3
-"""A common delay up to this is a small change of the torque, which one column describes."""
 DELAYS_TAKEN_OFF = 3
 """Times that the delay is taken off before the width of friction is believed: each leaves a fraction of the last."""
 

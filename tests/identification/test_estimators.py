@@ -255,6 +255,15 @@ def test_a_delay_is_measured_per_joint_and_its_correction_gives_the_parameters_b
     assert np.abs(after).max() < 5.0
 
 
+def test_a_delay_is_measured_in_a_band_in_which_it_is_more_than_a_turn() -> None:
+    recording = iiwa_recording(delay=0.025)
+    settings = FitSettings(pipeline="periodic", physical=False, delay_correction="common")
+    result = fit_recordings([recording], load_robot("iiwa14"), settings)
+    delay = result.torque_delay
+    assert abs(delay.common - 0.025) < 4.0 * delay.common_std < 3e-4
+    assert np.all(result.rms.rows[0].rms_nm < 1.1 * 0.05 / np.sqrt(4))  # the noise of the mean of four periods
+
+
 def test_without_delay_none_is_claimed() -> None:
     result = fit_recordings([iiwa_recording()], load_robot("iiwa14"), FitSettings(physical=False))
     delay = result.torque_delay
