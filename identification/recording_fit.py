@@ -88,6 +88,7 @@ def fit_recordings(
     if settings.delay_correction != "no":
         processed, model = _with_torque_earlier(processed, model, shift, settings)
         estimator, estimate = estimate_nominal(model, processed, settings)
+        estimate = estimate.wider(delay.spread(settings.delay_correction))
     blocks, least_squares = model.blocks, estimate.least_squares
     sign = _torque_sign(regressor, least_squares, blocks)
     if settings.check_torque_sign:

@@ -14,6 +14,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
+from identification.estimators.least_squares import LeastSquaresResult
 from identification.fitting.blocks import Block, RowsOverTime
 from identification.fitting.estimate import estimate_parameters
 from identification.json_values import json_list
@@ -31,18 +32,27 @@ class TorqueDelay:
     """How much later the torque is than the position, s; negative: earlier.
 
     common, common_std: one for all joints. per_joint, per_joint_std: (n,), nan for a joint without varying torque.
+    spread_common, spread_per_joint: (p, p) covariance that the base parameters have from not knowing them better.
     """
 
     common: float
     common_std: float
     per_joint: FloatArray
     per_joint_std: FloatArray
+    spread_common: FloatArray
+    spread_per_joint: FloatArray
 
     def of(self, correction: str) -> FloatArray:
         """(n,) s to shift the torque by: "common", "per_joint" (zero where unknown) or "no"."""
         if correction == "common":
             return np.full(len(self.per_joint), self.common)
         return np.nan_to_num(self.per_joint) if correction == "per_joint" else np.zeros(len(self.per_joint))
+
+    def spread(self, correction: str) -> FloatArray:
+        """(p, p) covariance that goes with `of`: what a torque moved by them says less surely of base parameters."""
+        if correction == "common":
+            return self.spread_common
+        return self.spread_per_joint if correction == "per_joint" else np.zeros_like(self.spread_common)
 
     def to_json(self) -> dict[str, Any]:
         """The delays as plain JSON types, seconds."""
@@ -80,23 +90,27 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
     per_joint, per_joint_std = np.full(joints, np.nan), np.full(joints, np.nan)
     if moving.size == 0:
-        return TorqueDelay(float("nan"), float("nan"), per_joint, per_joint_std)
-    identity = np.eye(joints)
-    delay, std = _taken_off(blocks, rates, identity[:, moving], regressor, estimator)
-    per_joint[moving], per_joint_std[moving] = delay, std
-    (common,), (common_std,) = _taken_off(blocks, rates, np.ones((joints, 1)), regressor, estimator)
-    return TorqueDelay(float(common), float(common_std), per_joint, per_joint_std)
+        nothing = np.zeros((regressor.size, regressor.size))
+        return TorqueDelay(float("nan"), float("nan"), per_joint, per_joint_std, nothing, nothing)
+    own = _taken_off(blocks, rates, np.eye(joints)[:, moving], regressor, estimator)
+    per_joint[moving], per_joint_std[moving], spread_per_joint = own
+    (common,), (common_std,), spread = _taken_off(blocks, rates, np.ones((joints, 1)), regressor, estimator)
+    return TorqueDelay(float(common), float(common_std), per_joint, per_joint_std, spread, spread_per_joint)
 
 
 def _taken_off(
     blocks: list[Block], rates: list[FloatArray], joints: FloatArray, regressor: BaseRegressor, estimator: str
-) -> tuple[FloatArray, FloatArray]:
-    """(k,) delays and their σ, s. rates: (R, n) Nm/s of each block. joints: (n, k), ones where a delay acts."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(k,) delays and their σ, s, and the (p, p) covariance that base parameters have from them.
+
+    rates: (R, n) Nm/s of each block. joints: (n, k), ones where a delay acts.
+    """
     total = np.zeros(joints.shape[1])
     moved = blocks
     rounds = _MOST_ROUNDS if any(block.signals.row_time is None for block in blocks) else 1
     for _ in range(rounds):
-        late, std, values = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
+        found = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
+        values, late = found.values[: regressor.size], _MILLISECOND * found.values[regressor.size :]
         total += late
         if np.abs(late).max() <= SMALL_DELAY_S:
             break
@@ -106,7 +120,10 @@ def _taken_off(
             replace(block, torque=block.signals.project(item.torque))
             for block, item in zip(blocks, signals, strict=True)
         ]
-    return total, std
+    beside = found.covariance[: regressor.size, regressor.size :]
+    own = found.covariance[regressor.size :, regressor.size :]
+    spread = beside @ np.linalg.solve(own, beside.T)
+    return total, _MILLISECOND * found.std[regressor.size :], 0.5 * (spread + spread.T)
 
 
 def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
@@ -126,8 +143,8 @@ def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
 
 def _solve(
     blocks: list[Block], columns: list[FloatArray], regressor: BaseRegressor, estimator: str
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Delays and their σ in s, one per column (R, n, k) added to the blocks, and the (p,) base parameters beside."""
+) -> LeastSquaresResult:
+    """Base parameters and behind them delays in ms, one per column (R, n, k) added to the blocks."""
     count = columns[0].shape[2]
     names = (*regressor.names, *(f"DELAY_{number}" for number in range(count)))
     augmented = [
@@ -138,8 +155,7 @@ def _solve(
         )
         for block, column in zip(blocks, columns, strict=True)
     ]
-    result = estimate_parameters(augmented, names, estimator).least_squares
-    return _MILLISECOND * result.values[-count:], _MILLISECOND * result.std[-count:], result.values[:-count]
+    return estimate_parameters(augmented, names, estimator).least_squares
 
 
 def torque_rate(block: Block, regressor: BaseRegressor, values: FloatArray) -> FloatArray:

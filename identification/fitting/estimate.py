@@ -37,6 +37,12 @@ class Estimate:
     ordinary: LeastSquaresResult
     blocks: list[Block]
 
+    def wider(self, spread: FloatArray) -> Estimate:
+        """The same values with a covariance (p, p) more."""
+        covariance = self.least_squares.covariance + spread
+        solution = replace(self.least_squares, covariance=covariance, std=np.sqrt(np.diag(covariance)))
+        return replace(self, least_squares=solution)
+
 
 def default_estimator(pipelines: set[str]) -> str:
     """What "auto" stands for with recordings that went through these pipelines."""

@@ -29,8 +29,8 @@ class FitResult:
 
     regressor: names, units and grouping of the p base parameters. estimator: the one used, never "auto".
     least_squares: its values and their covariance on coloured noise (`fitting.covariance`), with what the choice of the
-    model adds (`fitting.choice`). equation_15_std: (p,) the paper's standard deviations, of the unweighted fit.
-    constrained: program (10), consistent:
+    model adds (`fitting.choice`), and a delay that was taken off. equation_15_std: (p,) the paper's standard
+    deviations, of the unweighted fit. constrained: program (10), consistent:
     of real bodies, with a prior for what the data leave open, feasibility: whether a robot can have the base
     parameters; None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were
     held out. noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each

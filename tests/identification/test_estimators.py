@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import daemon.cli.analysis  # noqa: F401  registers the command
 from daemon.cli.app import app
 from daemon.errors import ConfigurationError
+from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError
 from identification.estimators.observation import CompressedObservation
 from identification.fitting.blocks import Block, variances_of
@@ -253,6 +254,22 @@ def test_a_delay_is_measured_per_joint_and_its_correction_gives_the_parameters_b
     before, after = ((result.values - truth) / plain.std for result in (plain, corrected))
     assert np.abs(before).max() > 8.0
     assert np.abs(after).max() < 5.0
+    # A delay of a joint's weight is torque that goes with its velocity, as viscous friction is: known less surely.
+    expected = white_noise_std(corrected.regressor)
+    friction = corrected.regressor.names.index("FV_2")
+    assert corrected.std[friction] == pytest.approx(expected[friction], rel=0.35)
+
+
+def white_noise_std(regressor: BaseRegressor) -> np.ndarray:
+    """(p,) of `iiwa_recording`'s white noise where each joint's delay is unknown too: σ² (Aᵀ A)⁻¹, A with its rates."""
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=2000, seed=1)
+    torque = inverse_dynamics(load_robot("iiwa14"), table_three(), q, dq, ddq)
+    turn = 2j * np.pi * np.fft.rfftfreq(2000, 10.0 / 2000)[:, None]
+    rate = np.fft.irfft(turn * np.fft.rfft(torque, axis=0), n=2000, axis=0)
+    columns = np.concatenate([regressor.matrix(q, dq, ddq), rate[:, :, None] * np.eye(7)], axis=2)
+    rows = columns.reshape(-1, columns.shape[2])
+    deviation = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    return np.asarray(0.05 / np.sqrt(4) * deviation[: regressor.size])
 
 
 def test_a_delay_is_measured_in_a_band_in_which_it_is_more_than_a_turn() -> None:
