@@ -159,8 +159,12 @@ def _solve(
 
 
 def torque_rate(block: Block, regressor: BaseRegressor, values: FloatArray) -> FloatArray:
-    """(S, n) Nm/s, time derivative of the modelled torque."""
+    """(S, n) Nm/s, time derivative of the modelled torque; of the measured one in the paper's chain, whose filter has
+    taken the steps of friction out of that alone.
+    """
     signals = block.signals
+    if signals.pipeline == "paper":
+        return _line_by_line(signals.torque, _step(signals))
     if isinstance(block.evaluation, RowsOverTime) and all(block.evaluation.counts == len(signals.time)):
         columns = [(packed, used) for packed, used, _ in block.evaluation.joints]
     else:
@@ -168,10 +172,15 @@ def torque_rate(block: Block, regressor: BaseRegressor, values: FloatArray) -> F
     torque = np.column_stack([values[used] @ packed for packed, used in columns])
     if signals.pipeline == "aperiodic":
         return np.asarray(np.gradient(torque, _step(signals), axis=0), dtype=np.float64)
-    # Line by line, as `earlier` moves it: a central difference makes 60 Hz at 250 Hz of sampling a third too small.
-    cycles = np.fft.rfftfreq(len(torque), _step(signals))[:, None]
-    spectrum = np.fft.rfft(torque, axis=0) * 2j * np.pi * cycles
-    return np.asarray(np.fft.irfft(spectrum, n=len(torque), axis=0), dtype=np.float64)
+    # A central difference would make 60 Hz at 250 Hz of sampling a third too small.
+    return _line_by_line(torque, _step(signals))
+
+
+def _line_by_line(values: FloatArray, step_s: float) -> FloatArray:
+    """(S, n) time derivative of one period, as `earlier` moves it."""
+    cycles = np.fft.rfftfreq(len(values), step_s)[:, None]
+    spectrum = np.fft.rfft(values, axis=0) * 2j * np.pi * cycles
+    return np.asarray(np.fft.irfft(spectrum, n=len(values), axis=0), dtype=np.float64)
 
 
 def _step(signals: ProcessedSignals) -> float:

@@ -281,6 +281,16 @@ def test_a_delay_is_measured_in_a_band_in_which_it_is_more_than_a_turn() -> None
     assert np.all(result.rms.rows[0].rms_nm < 1.1 * 0.05 / np.sqrt(4))  # the noise of the mean of four periods
 
 
+def test_the_paper_s_chain_shows_a_delay_though_its_filter_took_the_steps_of_friction_out_of_the_torque() -> None:
+    settings = FitSettings(pipeline="paper", physical=False)
+    late, plain = (
+        fit_recordings([iiwa_recording(delay=delay)], load_robot("iiwa14"), settings).torque_delay
+        for delay in (0.025, 0.0)
+    )
+    assert late.common - plain.common == pytest.approx(0.025, abs=0.003)
+    assert abs(late.common - 0.025) < 3.0 * late.common_std  # what the chain leaves looks like a delay, too
+
+
 def test_without_delay_none_is_claimed() -> None:
     result = fit_recordings([iiwa_recording()], load_robot("iiwa14"), FitSettings(physical=False))
     delay = result.torque_delay
