@@ -34,13 +34,13 @@ from identification.mismatch.changes.repeated_contact import (
 from identification.mismatch.claims import Claims, build_findings
 from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
 from identification.mismatch.effects.base import Effect, Place
+from identification.mismatch.extended_model import rms_with_findings
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.names.examination import joints_shown
 from identification.mismatch.names.proposals import search_beside_classes
 from identification.mismatch.nominal import (
     Nominal,
-    after_findings,
     nominal_fit,
     nominal_of,
     residuals_of,
@@ -164,15 +164,15 @@ def diagnose(
     if dependence is not None:
         judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
     classes = () if judgement is None else (*judgement.claims, *changing(refused))
-    diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, inactive, rows.faults, settings)
+    after = rms_with_findings(None if split else rows.fit, rows.fitted, claims, nominal, plain)
+    diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
     if given is not None:
         compared = compare_model(
             *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
         )
         diagnosis = _with_model(diagnosis, compared, model, recordings, audited)
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
-    if judgement is not None:
-        diagnosis = _with_classes(diagnosis, judgement)
+    diagnosis = _with_classes(diagnosis, judgement)
     if audited is None:
         diagnosis = settled(replace(diagnosis, audit=_other_set_up(diagnosis, rows, robot)))
     encoders = compare_encoders(recordings, heldout)
@@ -217,18 +217,21 @@ def _summarised(
     classes: tuple[ClassClaim, ...],
     nominal: Nominal,
     plain: Residuals,
+    after: FloatArray,
     inactive: Sequence[tuple[Effect, Place]],
     faults: tuple[DataFault, ...],
     settings: DiagnosisSettings,
 ) -> Diagnosis:
-    """All that is said beside the findings. plain: what the nominal model leaves. inactive: effects without torque."""
+    """All that is said beside the findings. plain: what the nominal model leaves.
+
+    after: (n,) Nm, RMS with the findings. inactive: effects without torque.
+    """
     measured = now.problem.noise_is_measured
     if measured:
         chances = [power.probability.min(axis=1) for power in (now.result.before.power, claims.power)]
     else:
         chances = [_found_by_chance(item, claims) for item in (claims.heldout_before, claims.heldout_after)]
     found, left = (chance < settings.consistency_probability for chance in chances)
-    after = after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm) if claims.findings else nominal.rms_nm
     baseline = _baseline(nominal, plain, found, claims, classes, measured)
     return summarise(
         now.problem, now.result, inactive, claims, classes, baseline, left, now.fitted, unseen, faults, nominal, after,
@@ -236,8 +239,10 @@ def _summarised(
     )  # fmt: skip
 
 
-def _with_classes(diagnosis: Diagnosis, judgement: Judgement) -> Diagnosis:
-    """With the model of what the torque depends on, and what is offered of it."""
+def _with_classes(diagnosis: Diagnosis, judgement: Judgement | None) -> Diagnosis:
+    """With the model of what the torque depends on, and what is offered of it; as it is where that was not asked."""
+    if judgement is None:
+        return diagnosis
     notes = (*diagnosis.notes, *judgement.notes)
     return replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
 

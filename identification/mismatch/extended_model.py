@@ -1,24 +1,33 @@
 """The model that a diagnosis leaves behind: nominal parameters, physical ones too, with the findings as effects.
 
-Here: joining the diagnosis with a fit on recordings whose torque has the effects taken off. Not here: either of them.
+Here: joining the diagnosis with a fit on recordings whose torque has the effects taken off, and what the findings
+leave of these. Not here: either of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import IdentificationError
+from identification.fitting.processing import process
+from identification.fitting.result import FitResult
+from identification.fitting.rms import rms_of_rows
+from identification.mismatch.claims import Claims
 from identification.mismatch.data_faults.faults import upright
-from identification.mismatch.findings import Diagnosis
+from identification.mismatch.findings import Diagnosis, Finding
+from identification.mismatch.heldout import Residuals
+from identification.mismatch.nominal import Nominal, after_findings
 from identification.mismatch.prediction import without_effects
 from identification.recording_fit import FitSettings, Progress, fit_recordings
 from identification.recordings.independence import is_called
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.validation import torque_left
 
 
 def extended_model(
@@ -45,15 +54,9 @@ def extended_model(
     try:
         remaining = []
         for recording in recordings:
-            present = [
-                finding.to_json()
-                for finding in diagnosis.findings
-                if is_called(recording, finding.where.get("recording", recording.source.path))
-            ]
             faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
-            remaining.append(
-                without_effects(upright(recording, faults), present, regressor, values, settings.low_pass_hz, terms)
-            )
+            turned, band = upright(recording, faults), settings.low_pass_hz
+            remaining.append(_without_findings(turned, diagnosis.findings, regressor, values, band, terms))
         model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
     except IdentificationError as error:
         note = f"Base parameters only: {error}"
@@ -69,6 +72,42 @@ def extended_model(
         "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }
+
+
+def rms_with_findings(
+    fit: FitResult | None, recordings: Sequence[Recording], claims: Claims, nominal: Nominal, plain: Residuals
+) -> FloatArray:
+    """(n,) RMS in Nm that the fitted recordings keep with the findings, on the samples of the fit.
+
+    As the fit states it of its own parameters, and `validate` of the extended model. The rows of the diagnosis do not
+    tell it: of a motion that repeats they end at 60 Hz, and a ripple need not. fit: None where there is none, or where
+    it has samples that are held out; then what is taken off the rows is taken off its figure. plain: what it leaves.
+    """
+    if not claims.findings:
+        return nominal.rms_nm
+    if fit is None:
+        return after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm)
+    values, band = claims.extension.base[: nominal.regressor.size], fit.settings.low_pass_hz
+    left = [_without_findings(item, claims.findings, fit.regressor, values, band) for item in recordings]
+    stretches = [part for item in left for part in process(item, fit.robot, fit.settings).stretches]
+    return rms_of_rows(torque_left(stretches, fit.regressor, [values], fit.torque_shift)[0])
+
+
+def _without_findings(
+    recording: Recording,
+    findings: Sequence[Finding],
+    regressor: BaseRegressor,
+    values: FloatArray,
+    low_pass_hz: float | None,
+    class_terms: Mapping[str, Any] | None = None,
+) -> Recording:
+    """As `without_effects`, of the findings that act in this recording."""
+    present = [
+        finding.to_json()
+        for finding in findings
+        if is_called(recording, finding.where.get("recording", recording.source.path))
+    ]
+    return without_effects(recording, present, regressor, values, low_pass_hz, class_terms)
 
 
 def _with_deviations(rows: Sequence[Sequence[float]], std: Sequence[float | None]) -> list[list[float]]:

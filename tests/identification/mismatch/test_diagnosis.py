@@ -13,7 +13,7 @@ from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.findings import Diagnosis, Finding
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
-from tests.identification.mismatch.plant import PERIOD_S, SAMPLES, on_joint, record
+from tests.identification.mismatch.plant import NOISE_NM, PERIOD_S, SAMPLES, on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
 
@@ -63,14 +63,11 @@ def test_joints_without_an_effect_stay_clean(pair_diagnosis: Diagnosis) -> None:
     assert finding_of(pair_diagnosis, "cable_spring", 6).where["joints"] == [6]
 
 
-def test_with_the_findings_little_but_noise_is_left_of_the_fit(pair_diagnosis: Diagnosis) -> None:
-    """Nothing else is hidden in this plant."""
-    baseline = pair_diagnosis.baseline
-    before, after = (
-        values[[0, 5]] ** 2 - baseline.noise_floor_nm[[0, 5]] ** 2
-        for values in (baseline.rms_nm, pair_diagnosis.rms_after_nm)
-    )
-    assert np.all(after < 0.1 * before)
+def test_with_the_findings_nothing_but_noise_is_left_of_the_fit(pair_diagnosis: Diagnosis) -> None:
+    """Nothing else is hidden in this plant, and its noise is known. Friction near standstill reaches beyond 60 Hz: what
+    the findings take off the rows of the diagnosis, which end there, left a quarter more of joint 1.
+    """
+    np.testing.assert_allclose(pair_diagnosis.rms_after_nm, NOISE_NM / np.sqrt(8), rtol=0.06)
 
 
 def test_json_is_the_contracts_and_holds_no_number_that_is_not_finite(pair_diagnosis: Diagnosis) -> None:
