@@ -131,13 +131,18 @@ class BaseRegressor:
             return plain.index(plain_name(name))
         raise KeyError(f"{self.robot.name} has no base parameter {name}; it has {', '.join(self.names)}")
 
-    def matrix(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Regressor of the base parameters. q, dq, ddq: (S, n) rad, rad/s, rad/s². Returns (S, n, p)."""
+    def matrix(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, direction: FloatArray | None = None) -> FloatArray:
+        """Regressor of the base parameters. q, dq, ddq: (S, n) rad, rad/s, rad/s². Returns (S, n, p).
+
+        direction: (S, n), what Coulomb friction is proportional to; None: `direction_of` the velocity.
+        """
+        if direction is None:
+            direction = direction_of(dq, self.options.coulomb_velocity)
         result = np.zeros((len(q), self.robot.n, self.size))
         for rows, columns in rigid_body_columns(self.robot, q, dq, ddq, self._wanted):
             result[rows, :, self._inertial_columns] = columns.transpose(2, 1, 0)
         for column, symbol, joint in self._extra_columns:
-            result[:, joint, column] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
+            result[:, joint, column] = _extra_values(symbol, joint, dq, ddq, direction)
         return result
 
     def stacked(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -148,9 +153,10 @@ class BaseRegressor:
         """
         samples = len(q)
         columns = np.zeros((self.size, self.robot.n, samples))
+        direction = direction_of(dq, self.options.coulomb_velocity)
         fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, self._firsts, columns)
         for column, symbol, joint in self._extra_columns:
-            columns[column, joint] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
+            columns[column, joint] = _extra_values(symbol, joint, dq, ddq, direction)
         return columns.reshape(self.size, -1).T, np.repeat(np.arange(self.robot.n), samples)
 
     def joint_columns(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> list[tuple[FloatArray, IntArray]]:
@@ -169,10 +175,10 @@ class BaseRegressor:
         packed = (np.zeros if branches else np.empty)((self.robot.n, len(inertial) + max(map(len, own)), len(q)))
         firsts = np.searchsorted(inertial, self._firsts).tolist()
         fill_rigid_body_columns(self.robot, (q, dq, ddq), self._wanted, firsts, packed.transpose(1, 0, 2))
-        result = []
+        direction, result = direction_of(dq, self.options.coulomb_velocity), []
         for joint, (first, extras) in enumerate(zip(firsts, own, strict=True)):
             for place, (_, symbol, _) in enumerate(extras, start=len(inertial)):
-                packed[joint, place] = _extra_values(symbol, joint, dq, ddq, self.options.coulomb_velocity)
+                packed[joint, place] = _extra_values(symbol, joint, dq, ddq, direction)
             positions = np.concatenate([inertial[first:], [column for column, _, _ in extras]])
             result.append((packed[joint, first : len(inertial) + len(extras)], positions.astype(np.int64)))
         return result
@@ -233,14 +239,14 @@ def direction_of(velocity: FloatArray, coulomb_velocity: float) -> FloatArray:
 
 
 def _extra_values(
-    symbol: str, joint: int, dq: FloatArray, ddq: FloatArray, coulomb_velocity: float
+    symbol: str, joint: int, dq: FloatArray, ddq: FloatArray, direction: FloatArray
 ) -> FloatArray | float:
     """The one non-zero entry per sample of a friction, drive or offset column."""
     match symbol:
         case "FV":
             return dq[:, joint]
         case "FS":
-            return direction_of(dq[:, joint], coulomb_velocity)
+            return direction[:, joint]
         case "IA":
             return ddq[:, joint]
         case _:
@@ -262,7 +268,7 @@ def _group(robot: RobotModel, symbols: tuple[str, ...]) -> tuple[IntArray, Float
     full[..., :_INERTIAL_COUNT] = torque_regressor(robot, q, dq, ddq).reshape(samples, robot.n, robot.n, -1)
     for place, symbol in enumerate(symbols, start=_INERTIAL_COUNT):
         for joint in robot.driven:  # friction and rotor of a joint that follows are part of its leader's
-            full[:, joint, joint, place] = _extra_values(symbol, joint, dq, ddq, 0.0)
+            full[:, joint, joint, place] = _extra_values(symbol, joint, dq, ddq, np.sign(dq))
     columns = full.reshape(samples * robot.n, robot.n * stride)
     kept = independent_columns(columns, _order_of_preference(robot.n, symbols))
     coefficients = np.asarray(np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0], dtype=np.float64)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from identification.arrays import FloatArray, runs_of
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, direction_of
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
 from identification.fitting.settings import Split
@@ -99,15 +99,18 @@ def default_split(recordings: Sequence[Recording], settings: DiagnosisSettings) 
     return Split("blocks", (shortest.duration_s / blocks, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
 
 
-def thinned_stretches(recording: Recording, settings: DiagnosisSettings) -> list[ProcessedSignals]:
+def thinned_stretches(
+    recording: Recording, settings: DiagnosisSettings, coulomb_velocity: float
+) -> list[ProcessedSignals]:
     """The stretches of the aperiodic pipeline on a coarser time grid, low-pass and row grid as there.
 
     Effects are evaluated on a few thousand samples whatever the rate; `project` works on the coarse grid, which the
-    measured torque reaches through a low-pass far above the one of the rows. Raises RecordingError as
+    measured torque, and the direction of motion, reach through a low-pass far above the one of the rows.
+    coulomb_velocity: of the direction (`direction_of`), rad/s. Raises RecordingError as
     `process_aperiodic`.
     """
     cutoff = low_pass_of(recording, settings)
-    return [_thinned(signals, cutoff) for signals in process_aperiodic(recording, cutoff)]
+    return [_thinned(signals, cutoff, coulomb_velocity) for signals in process_aperiodic(recording, cutoff)]
 
 
 def build_aperiodic_evidence(
@@ -124,7 +127,7 @@ def build_aperiodic_evidence(
     Raises RecordingError where no stretch has a block that is long enough.
     """
     found = []
-    for signals in thinned_stretches(recording, settings):
+    for signals in thinned_stretches(recording, settings, regressor.options.coulomb_velocity):
         blocks = _blocks(recording, signals, split, held_out)
         if blocks:
             found.append(_evidence(recording, signals, blocks, robot, regressor))
@@ -136,12 +139,12 @@ def build_aperiodic_evidence(
     return tuple(found)
 
 
-def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
+def _thinned(signals: ProcessedSignals, cutoff_hz: float, coulomb_velocity: float) -> ProcessedSignals:
     step = float(signals.time[1] - signals.time[0])
     stride = max(1, int(1.0 / step / (SAMPLES_PER_CUTOFF_PERIOD * cutoff_hz)))
-    torque = signals.torque
+    torque, direction = signals.torque, direction_of(signals.velocity, coulomb_velocity)
     if stride > 1:
-        torque = zero_phase_low_pass(torque, step, 0.4 / (stride * step))
+        torque, direction = (zero_phase_low_pass(part, step, 0.4 / (stride * step)) for part in (torque, direction))
     coarse = stride * step
     time = signals.time[::stride]
     edge = round(EDGE_PERIODS / cutoff_hz / coarse)
@@ -164,7 +167,11 @@ def _thinned(signals: ProcessedSignals, cutoff_hz: float) -> ProcessedSignals:
         evaluate=project,
         evaluated=used,
         evaluation_time=row_time,
-        facts={**signals.facts, "noise_density": _noise_density(signals.torque, step, cutoff_hz)},
+        facts={
+            **signals.facts,
+            "noise_density": _noise_density(signals.torque, step, cutoff_hz),
+            "direction": direction[::stride],
+        },
     )
 
 
@@ -257,6 +264,7 @@ def _evidence(
         periodic=False,
         start_s=np.array([float(signals.time[0] - recording.time[0])]),
         coulomb_velocity=regressor.options.coulomb_velocity,
+        thinned_direction=signals.facts["direction"],
     )
     density = np.asarray(signals.facts["noise_density"])
     cutoff = float(signals.facts["low_pass_hz"])

@@ -117,7 +117,7 @@ def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
 def with_parameters(evidence: Evidence, regressor: BaseRegressor, values: FloatArray) -> Evidence:
     """The same evidence with the nominal torque and the dynamic parameters of other base parameters (p,)."""
     motion = evidence.motion
-    torque = regressor.matrix(motion.position, motion.velocity, motion.acceleration) @ values
+    torque = regressor.matrix(motion.position, motion.velocity, motion.acceleration, motion.direction) @ values
     full = np.linalg.pinv(regressor.regrouping) @ values
     return replace(evidence, motion=replace(motion, torque=torque, full_parameters=full))
 
@@ -190,7 +190,7 @@ def periodic_evidence(
 def with_nominal(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
     """The evidence with its nominal rows and the torque of the nominal fit to it."""
     motion = evidence.motion
-    columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration)
+    columns = regressor.matrix(motion.position, motion.velocity, motion.acceleration, motion.direction)
     nominal = np.zeros((*evidence.torque.shape, regressor.size))
     for joint in range(motion.n):
         present = np.flatnonzero(columns[:, joint].any(axis=0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from identification.arrays import FloatArray
+from identification.base_parameters import direction_of
 from identification.robots import RobotModel
 
 
@@ -20,7 +21,8 @@ class Motion:
     states with memory start in their periodic steady state. start_s: (K,) times at which the K periods of the
     recording began, s from its first sample; (1,) for a stretch that is not periodic.
     coulomb_velocity: of the nominal model's Coulomb friction
-    (`base_parameters.direction_of`), rad/s.
+    (`base_parameters.direction_of`), rad/s. thinned_direction: (S, n) direction of motion brought from a faster rate to
+    this grid, as the measured torque was; None where the grid is that of the recording.
     """
 
     robot: RobotModel
@@ -33,6 +35,18 @@ class Motion:
     periodic: bool
     start_s: FloatArray
     coulomb_velocity: float = 0.0
+    thinned_direction: FloatArray | None = None
+
+    @property
+    def direction(self) -> FloatArray:
+        """(S, n), what dry friction is proportional to.
+
+        It jumps between two samples. Taken from the velocities of a coarse grid the jump would be late by up to half a
+        step, and the torque, which was measured on a finer one, would show that as misfit.
+        """
+        if self.thinned_direction is not None:
+            return self.thinned_direction
+        return direction_of(self.velocity, self.coulomb_velocity)
 
     @property
     def n(self) -> int:

@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Place
 from identification.mismatch.motion import Motion
 
@@ -67,4 +66,4 @@ def joint_index(place: Place) -> int:
 
 def friction_sign(motion: Motion, joint: int) -> FloatArray:
     """The direction of motion as the nominal Coulomb column has it: sign(q̇), 0 at rest, or a wider transition. (S,)."""
-    return direction_of(motion.velocity[:, joint], motion.coulomb_velocity)
+    return motion.direction[:, joint]

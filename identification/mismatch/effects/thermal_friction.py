@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
@@ -53,8 +52,7 @@ class ThermalFriction(EnvelopedEffect):
         velocity = motion.velocity[:, place.joint - 1]
         if not np.any(velocity):
             return None
-        direction = direction_of(velocity, motion.coulomb_velocity)
-        return (place.joint - 1,), np.stack([velocity, direction], axis=1)[:, None, :]
+        return (place.joint - 1,), np.stack([velocity, motion.direction[:, place.joint - 1]], axis=1)[:, None, :]
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """exp(−t/T)."""

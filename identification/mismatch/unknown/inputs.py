@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.functions import fade, responses
@@ -111,7 +110,7 @@ class Inputs:
     @cached_property
     def direction(self) -> FloatArray:
         """(S, n) direction of motion, as the nominal Coulomb friction has it."""
-        return direction_of(self.motion.velocity, self.motion.coulomb_velocity)
+        return self.motion.direction
 
     def inside(self, name: str) -> FloatArray:
         """(S, n) 1 where an input is within its limits, fading to 0 beyond."""
