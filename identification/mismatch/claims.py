@@ -11,7 +11,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import Change
-from identification.mismatch.effects.base import CERTAIN, Estimate
+from identification.mismatch.effects.base import CERTAIN
 from identification.mismatch.effects.equivalence import ALSO_CALLED, separating_experiment
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.evidence import Evidence, rows_to_time
@@ -186,7 +186,7 @@ def _repeatable(
     found = []
     for index, member in enumerate(trial.members):
         coefficients = now.extension.coefficients[index]
-        estimate = Estimate(member.place, member.shape, coefficients, sure[index].covariance, sure[index].shape_std)
+        estimate = sure[index].estimate(member, coefficients)
         rows = torque_of(member, coefficients, problem.n)
         gain = _heldout_gain(settled(without(trial.members, index)), settled(trial.members))
         parts = member.effect.parts(estimate)

@@ -87,7 +87,8 @@ class ShapeParameter:
 class Estimate:
     """What the search hands to an effect to describe itself in words and numbers.
 
-    coefficients: (m,) with covariance (m, m). shape and shape_std: nonlinear parameters by name.
+    coefficients: (m,) with covariance (m, m). shape and shape_std: nonlinear parameters by name; shape_covariance: (m,)
+    of each with the coefficients, where that is known.
     """
 
     place: Place
@@ -95,6 +96,7 @@ class Estimate:
     coefficients: FloatArray
     covariance: FloatArray
     shape_std: Mapping[str, float] = field(default_factory=dict)
+    shape_covariance: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 Stage = Literal["repeatable", "between_periods"]

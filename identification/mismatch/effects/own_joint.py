@@ -48,6 +48,7 @@ class OwnJointEffect(Effect):
             replace(
                 estimate, place=Place(joint=joint + 1), coefficients=estimate.coefficients[own],
                 covariance=estimate.covariance[own, own],
+                shape_covariance={name: values[own] for name, values in estimate.shape_covariance.items()},
             )
             for joint, own in enumerate(blocks)
         ]  # fmt: skip

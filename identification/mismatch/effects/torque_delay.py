@@ -52,12 +52,12 @@ class TorqueDelay(Effect):
         return Columns(joints, change[..., None]) if change.any() else None
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Delay c · d: for short delays only that product shows, and for long ones c is 1."""
+        """Delay c · d: for short delays only that product shows, as c and d trade; for long ones c is 1."""
         delay, share = float(estimate.shape["delay"]), float(estimate.coefficients[0])
-        from_shape = estimate.shape_std.get("delay", math.nan)
         std = delay * deviation(estimate, 0)
-        if math.isfinite(from_shape) and abs(share - 1.0) < 0.1:
-            std = max(std, abs(share) * from_shape)
+        if "delay" in estimate.shape_covariance:
+            trade = 2.0 * share * delay * float(estimate.shape_covariance["delay"][0])
+            std = math.sqrt(max(0.0, std**2 + (share * estimate.shape_std["delay"]) ** 2 + trade))
         return (
             Parameter("delay", 1000.0 * share * delay, 1000.0 * std, "ms"),
             Parameter("lag", float(estimate.shape["lag"]), math.nan, "order of the lag, 0 = pure delay"),

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from identification.mismatch.changes.between_periods import Change
-from identification.mismatch.effects.base import CERTAIN, Estimate, Place
+from identification.mismatch.effects.base import CERTAIN, Place
 from identification.mismatch.heldout import worsened
 from identification.mismatch.names.alternatives import rivals
 from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of
@@ -126,7 +126,7 @@ def untenable(exam: Examination, trial: Trial) -> list[Objection]:
     )
     found = []
     for index, (member, coefficients, own) in enumerate(zip(trial.members, extension.coefficients, sure, strict=True)):
-        estimate = Estimate(member.place, member.shape, coefficients, own.covariance, own.shape_std)
+        estimate = own.estimate(member, coefficients)
         # On every joint at once: the surest one speaks for all.
         certainty, surest = max(
             ((member.effect.parameters(part)[0].certainty, part) for part in member.effect.parts(estimate)),

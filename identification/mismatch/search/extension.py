@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.mismatch.effects.base import ShapeParameter
+from identification.mismatch.effects.base import Estimate, ShapeParameter
 from identification.mismatch.evidence import ABSENT
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.search.library import Library
@@ -137,10 +137,19 @@ def prediction_scatter(extension: Extension, nominal: FloatArray, library: Libra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
-    """Of one member: covariance of all its columns' coefficients (zeros where not used), deviations of its shape."""
+    """Of one member: covariance of all its columns' coefficients (zeros where not used), deviations of its shape and
+    their covariance (m,) with the coefficients.
+    """
 
     covariance: FloatArray
     shape_std: dict[str, float]
+    shape_covariance: dict[str, FloatArray]
+
+    def estimate(self, member: Member, coefficients: FloatArray) -> Estimate:
+        """What the member's effect describes itself by."""
+        return Estimate(
+            member.place, member.shape, coefficients, self.covariance, self.shape_std, self.shape_covariance
+        )
 
 
 def uncertainties(
@@ -174,12 +183,13 @@ def uncertainties(
         full = np.zeros((member.rows.coefficients, member.rows.coefficients))
         own = [position for position, label in enumerate(labels) if label[0] == index and isinstance(label[1], int)]
         full[np.ix_(member.selection, member.selection)] = covariance[np.ix_(own, own)]
-        shape = {
-            str(label[1]): float(np.sqrt(max(covariance[position, position], 0.0)))
-            for position, label in enumerate(labels)
-            if label[0] == index and isinstance(label[1], str)
-        }
-        result.append(Uncertainty(full, shape))
+        shape, together = dict[str, float](), dict[str, FloatArray]()
+        for position, (of_member, name) in enumerate(labels):
+            if of_member == index and isinstance(name, str):
+                shape[name] = float(np.sqrt(max(covariance[position, position], 0.0)))
+                together[name] = np.zeros(member.rows.coefficients)
+                together[name][list(member.selection)] = covariance[position, own]
+        result.append(Uncertainty(full, shape, together))
     return tuple(result)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.torque_delay import TorqueDelay
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem, build_problem, off, spread
@@ -124,3 +125,23 @@ def test_a_nonlinear_parameter_that_was_left_at_the_textbooks_value_widens_nothi
     assert given.covariance[0, 0] == pytest.approx(1.0 / float((column**2).sum()), rel=1e-6)
     assert given.shape_std == {}
     assert estimated.covariance[0, 0] > 1.5 * given.covariance[0, 0]
+
+
+@pytest.mark.parametrize("delay", [0.002, 0.005])
+def test_a_short_delay_is_as_sure_as_if_its_share_were_known(
+    clean_evidence: Evidence, problem: Problem, delay: float
+) -> None:
+    """Share c and delay d trade, and what is stated is c d. Truth: the Cramér–Rao bound of d alone with c = 1, by the
+    slope of its torque. Without what the two have in common the interval was seven to seventeen times as wide.
+    """
+    effect, place = TorqueDelay(), Place(joint=2)
+    library = Library((effect,), (clean_evidence,))
+    here, later = (library.rows(effect, place, (("delay", d), ("lag", 0.0))) for d in (delay, 1.001 * delay))
+    assert here is not None
+    assert later is not None
+    member = Member(here, (0,))
+    extension = replace(extend(problem, [member]), coefficients=(np.ones(1),))
+    (found,) = uncertainties(problem, extension, problem.residual, library, coloured=False)
+    slope = off(problem.basis, spread(problem, here.joints, later.rows - here.rows))[:, 0] / (1e-3 * delay)
+    stated = effect.parameters(found.estimate(member, np.ones(1)))[0].std
+    assert stated == pytest.approx(1e3 / np.linalg.norm(slope), rel=0.1)
