@@ -179,11 +179,13 @@ def _remaining(
     elif not left.any() and misfits:
         parts.append("On the fitted recordings nothing above the noise remains.")
     elif not left.any():
-        floor = float(np.max(baseline.noise_floor_nm))
+        # The band in which it was asked: the noise of the fit's samples, beyond it too, may be three times as much.
+        floor = float(np.max(claims.after.noise_floor_nm))
         parts.append(
             f"Nothing above the noise remains ({floor:.2g} Nm at most, per joint, over the compared band)."
             if claims.findings
-            else f"No mismatch above {floor:.2g} Nm; smaller effects than those listed as detectable would not show."
+            else f"No mismatch above {floor:.2g} Nm over the compared band; smaller effects than those listed as "
+            "detectable would not show."
         )
     excess = claims.after.excess_nm
     for curve in curves:

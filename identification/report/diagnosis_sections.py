@@ -113,7 +113,7 @@ def _baseline_table(diagnosis: Diagnosis) -> Table:
         ("nominal model", *row_of(baseline.rms_nm)),
         *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.findings else []),
         ("noise alone", *row_of(baseline.noise_floor_nm)),
-        ("misfit beyond noise, nominal", *row_of(baseline.excess_nm, 2)),
+        ("misfit beyond noise in the compared band, nominal", *row_of(baseline.excess_nm, 2)),
         ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
         ("misfit detected", *("yes" if value else "no" for value in baseline.detected)),
     ]
@@ -147,7 +147,7 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
             Paragraph(_heldout_sentence(heldout, bool(diagnosis.findings)), "lead"),
             Paragraph("All parameters come from the fitted recordings only; this motion was not used.", "note"),
             Table(
-                "Held-out recordings: RMS of measured minus modelled torque by joint, Nm",
+                "Held-out recordings: RMS of measured minus modelled torque by joint, compared band, Nm",
                 ("", *joint_heads(heldout.rms_before_nm.size)),
                 tuple(rows),
             ),

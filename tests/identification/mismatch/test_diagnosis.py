@@ -25,7 +25,10 @@ def test_nothing_hidden_and_noisy_feedback_gives_no_name(clean_diagnosis: Diagno
     assert clean_diagnosis.verdict == "no_mismatch"
     assert not clean_diagnosis.findings
     assert not clean_diagnosis.baseline.detected.any()
-    assert "No mismatch above" in clean_diagnosis.remaining
+    # White noise of 0.05 Nm and eight periods, compared up to 60 of 100 Hz.
+    assert f"No mismatch above {NOISE_NM / np.sqrt(8) * np.sqrt(0.6):.2g} Nm over the compared band" in (
+        clean_diagnosis.remaining
+    )
     assert len(clean_diagnosis.minimum_detectable) > 50
 
 
