@@ -35,8 +35,9 @@ def held_out_misfits(
 ) -> tuple[HeldOutMisfit, ...]:
     """Joints of held-out recordings whose misfit is beyond consistency_probability, largest first.
 
-    left, fitted: what the model leaves on the held-out and on the fitted evidences. Only what lies in the band of the
-    motion counts: a hum above it is no matter of the arm.
+    left, fitted: what the model leaves on the held-out and on the fitted evidences; noise of the fitted ones: that by
+    which the parameters scatter. Only what lies in the band of the motion counts: a hum above it is no matter of the
+    arm.
     """
     probability, band = settings.consistency_probability, settings.motion_bandwidth_hz
     names = recording_names([item.recording for item in (*fitted_evidences, *evidences)])

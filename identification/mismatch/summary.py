@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -127,7 +128,9 @@ def _held_out(claims: Claims, fitted: Prepared, unseen: Prepared | None, setting
     same = {item.recording.source.sha256 for item in fitted.evidences}
     misfits: tuple[HeldOutMisfit, ...] = ()
     if all(item.recording.source.sha256 not in same for item in unseen.evidences):
-        misfits = held_out_misfits(after, unseen.evidences, claims.after, fitted.evidences, settings)
+        # Parameters scatter by the noise that the fit weighed its rows with, without periods a tenth of what is left.
+        weighed = replace(claims.after, sensor_noise=claims.extension.problem.noise)
+        misfits = held_out_misfits(after, unseen.evidences, weighed, fitted.evidences, settings)
     square, deviation = after.rms_nm**2, after.excess_deviation
     interval = np.sqrt(np.maximum(np.column_stack([square - 1.96 * deviation, square + 1.96 * deviation]), 0.0))
     return HeldOut(
