@@ -76,7 +76,7 @@ def summarise(
         minimum_detectable=detectable,
         heldout=heldout,
         parameter_shift=_shift(nominal, claims),
-        remaining=_remaining(claims, classes, baseline, left, curves, faults, heldout),
+        remaining=_remaining(claims, classes, baseline, rms_after_nm, left, curves, faults, heldout),
         curves=curves,
         spectra=tuple(_spectra(fitted.evidences, claims.before, claims.after)),
         series=tuple(_series(fitted.evidences, claims.before, claims.after)),
@@ -164,6 +164,7 @@ def _remaining(
     claims: Claims,
     classes: Sequence[ClassClaim],
     baseline: Baseline,
+    rms_after_nm: FloatArray,
     left: BoolArray,
     curves: Sequence[Curve],
     faults: Sequence[DataFault],
@@ -175,7 +176,7 @@ def _remaining(
     unnamed = {item.joint for item in classes if not item.named}
     parts.extend(filter(None, (difference_sentence(misfits), *(item.sentence for item in misfits))))
     if not baseline.noise_is_measured:
-        rms = ", ".join(f"{value:.2g}" for value in claims.after.rms_nm)
+        rms = ", ".join(f"{value:.2g}" for value in rms_after_nm)
         parts.append(f"The model leaves {rms} Nm RMS by joint; how much of it is noise was not measured.")
     elif not left.any() and (unnamed or claims.too_weak):
         pass
