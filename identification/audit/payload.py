@@ -22,7 +22,9 @@ from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Estimate, Products, as_they_scatter, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
-from identification.errors import EstimationError
+from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import EstimationError, RecordingError
+from identification.mismatch.data_faults.faults import signs_of
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
@@ -75,8 +77,8 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     """The body on the last link that only the second recordings have.
 
     In the flange's frame where the robot has one on its last link, else in that link's.
-    Raises RecordingError for recordings at rest or too short and for one that is given twice, EstimationError where no
-    load can be seen or it is beyond reason.
+    Raises RecordingError for recordings at rest or too short, for one that is given twice and for one whose torque has
+    the wrong sign, EstimationError where no load can be seen or it is beyond reason.
     """
     refuse_followers(robot, "weigh a load on")
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
@@ -84,6 +86,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
     runs = [rows_of(recordings) for recordings in (without, with_load)]
     refuse_repeated([*without, *with_load])
+    _refuse_turned([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     factor, width = _prior(sizes, robot.n)
@@ -107,6 +110,22 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     seconds = min(sum(item.duration_s for item in side) for side in (without, with_load))
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
     return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds)
+
+
+def _refuse_turned(recordings: Sequence[Recording], robot: RobotModel) -> None:
+    """A torque with the wrong sign makes another load, or one that was taken off, as exact as the true one."""
+    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
+    for recording, signs in zip(recordings, signs_of(recordings, regressor), strict=True):
+        joints = [int(joint) + 1 for joint in np.flatnonzero(signs < 0.0)]
+        if joints:
+            which = "every joint" if len(joints) == robot.n else f"joint {', '.join(map(str, joints))}"
+            raise RecordingError.at(
+                recording.source.path,
+                f"as it stands, no load can be weighed with it: with the torque of {which} turned it goes far better "
+                "with one rigid body of positive inertia and friction. `iiwa-ident doctor --log` says what is wrong.",
+                field="tau",
+                joint=joints[0],
+            )
 
 
 def half_interval(item: Number) -> float:

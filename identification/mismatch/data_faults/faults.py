@@ -65,11 +65,7 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
     short for the fit is judged by its rows only; signs are judged with common base parameters.
     """
     thinned = [_thinned(recording) for recording in recordings]
-    known = [place for place, stretch in enumerate(thinned) if stretch is not None]
-    rows = [_sign_rows(stretch, regressor) for stretch in thinned if stretch is not None]
-    signs = np.ones((len(recordings), regressor.robot.n))
-    if rows:
-        signs[known] = likeliest_signs(rows)
+    signs = _signs(thinned, regressor)
     found = []
     for recording, stretch, own, name in zip(recordings, thinned, signs, recording_names(recordings), strict=True):
         faults = [
@@ -82,6 +78,20 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
         faults += [] if time_base is None else [time_base]
         found.append(tuple(replace(fault, recording=name) for fault in faults))
     return tuple(found)
+
+
+def signs_of(recordings: Sequence[Recording], regressor: BaseRegressor) -> FloatArray:
+    """(R, n) −1 where the torque of a joint has the wrong sign. As `find_data_faults`, nothing else asked."""
+    return _signs([_thinned(recording) for recording in recordings], regressor)
+
+
+def _signs(thinned: Sequence[Thinned | None], regressor: BaseRegressor) -> FloatArray:
+    known = [place for place, stretch in enumerate(thinned) if stretch is not None]
+    rows = [_sign_rows(stretch, regressor) for stretch in thinned if stretch is not None]
+    signs = np.ones((len(thinned), regressor.robot.n))
+    if rows:
+        signs[known] = likeliest_signs(rows)
+    return signs
 
 
 def upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:

@@ -141,3 +141,16 @@ def test_an_arm_at_rest_weighs_nothing(iiwa14: RobotModel, recorded: Callable[..
     still = replace(moving, position=np.broadcast_to(moving.position[:1], moving.position.shape).copy())
     with pytest.raises(RecordingError, match="no joint moves"):
         weighed(iiwa14, moving, still)
+
+
+@pytest.mark.parametrize("turned", [(4,), (0, 1, 2, 3, 4, 5, 6)])
+@pytest.mark.parametrize("loaded", [0, 1])
+def test_no_load_is_weighed_with_a_torque_of_the_wrong_sign(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], turned: tuple[int, ...], loaded: int
+) -> None:
+    """One joint turned moves the centre by decimetres with an interval of centimetres; all of them change its sign."""
+    runs = [recorded(None, 1), recorded(body_of(3.0, (0.02, -0.01, 0.07)), 2)]
+    sign = np.where(np.isin(np.arange(7), turned), -1.0, 1.0)
+    runs[loaded] = replace(runs[loaded], torque=sign * runs[loaded].torque)
+    with pytest.raises(RecordingError, match="every joint turned" if len(turned) > 1 else "joint 5 turned"):
+        weighed(iiwa14, *runs)
