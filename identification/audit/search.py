@@ -85,6 +85,13 @@ def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -
     return _search(geometry, set_up, model, sizes, ())
 
 
+def search_turned(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes, signs: FloatArray) -> Audited:
+    """As `search`, with torques turned (n,) before anything else is asked, as the recording by itself shows them."""
+    found = _search(geometry, replace(set_up, signs=set_up.signs * signs), model, sizes, (set_up.signs,))
+    first = Explanation.of(geometry, set_up, model, sizes)
+    return replace(found, signs=found.signs * signs, first=first)
+
+
 def _search(
     geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes, seen: tuple[FloatArray, ...]
 ) -> Audited:

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from identification.arrays import FloatArray
-from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.exchange import exchanged_positions
-from identification.audit.given import sizes_of, wide_open
-from identification.audit.misread import in_degrees
+from identification.audit.misread import in_degrees, of_order, order_by_itself
 from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import turned_joint
@@ -48,13 +45,6 @@ FAULTS = {
 }
 LATEST_S = 0.005
 """A torque later than this shifts what a fit finds, where it shows."""
-NOT_ITS_OWN, ITS_OWN, CHEAPER = 0.5, 0.2, 0.3
-"""Of a torque's square: what stays of one at least under the joint where it stands, and of each at most under the one
-it goes with; and how much less stays in all. The columns of a joint near the base take much of any torque.
-"""
-DECISIVE, LEAST_LEFT = 0.01, 0.1
-"""As the last, where it is enough by itself, and of how much in all: an arm of few joints takes much of any torque."""
-ORDER_ROWS, ORDER_NOISE = 600, 0.1
 _LOAD_HZ = 8.0
 _LOAD_ROWS = 4000
 
@@ -188,37 +178,10 @@ def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: 
 
 
 def _order(rows: Rows, robot: RobotModel, gravity: FloatArray, *, only_decisive: bool = False) -> SetUpCheck:
-    """Which joint's motion each torque goes with: the columns of every joint are fitted to every torque.
-
-    A cost is the share of a torque that a joint's columns leave on blocks that were not fitted. only_decisive: by the
-    stricter of the two bounds.
-    """
-    n, sizes = robot.n, sizes_of(robot, rows)
-    chosen = np.unique(np.linspace(0, len(rows.block) - 1, min(ORDER_ROWS, len(rows.block))).astype(int))
-    columns = Geometry(robot, rows).columns(gravity)[chosen]
-    fitted = rows.block[chosen] % 2 == 0
-    torque = (rows.torque / sizes.torque)[chosen]
-    cost = np.zeros((n, n))
-    width = wide_open(sizes)
-    for joint in range(n):
-        own = columns[:, joint] / sizes.torque[joint] * width
-        gram = own[fitted].T @ own[fitted] + ORDER_NOISE**2 * np.eye(len(width))
-        left = torque[~fitted] - own[~fitted] @ np.linalg.solve(gram, own[fitted].T @ torque[fitted])
-        cost[joint] = (left**2).mean(axis=0) / np.maximum(torque[~fitted].var(axis=0), 1e-12)
-    _, order = linear_sum_assignment(cost)
-    moved = [joint for joint in range(n) if order[joint] != joint]
-    here, there = cost[moved, moved], cost[moved, order[moved]]
-    clear = (here.sum() >= LEAST_LEFT and there.sum() <= DECISIVE * here.sum()) or (
-        bool(moved)
-        and not only_decisive
-        and here.max() >= NOT_ITS_OWN
-        and there.max() <= ITS_OWN
-        and there.sum() <= CHEAPER * here.sum()
-    )
-    if not moved or not clear:
+    order = order_by_itself(rows, robot, gravity, only_decisive=only_decisive)
+    if order is None:
         return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
-    which = ", ".join(f"that of joint {joint + 1} stands under joint {order[joint] + 1}" for joint in moved)
-    return SetUpCheck("order of joints", "failed", f"The torques are in the order of other joints: {which}.")
+    return SetUpCheck("order of joints", "failed", of_order(order, float("nan")).sentence)
 
 
 def _delay(fit: FitResult | None) -> SetUpCheck:
