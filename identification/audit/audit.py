@@ -101,7 +101,7 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
         rows, joint = turned
         instead = replace(given, geometry=Geometry(robot, rows))
         again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
-        if len(again.steps) <= len(found.steps) and _nats(again, found) >= LEAST_GAIN:
+        if len(again.steps) <= len(found.steps) and _nats(again, found) >= LEAST_GAIN and _holds(again, given.model):
             read_otherwise.append(misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against))
             found, given = again, instead
     return _said(found, given, read_otherwise)

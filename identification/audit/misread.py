@@ -90,6 +90,15 @@ def _drive(rows: Rows, model: GivenModel, joint: int) -> FloatArray:
     return np.column_stack([constant, rows.velocity[:, joint], rows.direction[:, joint]])
 
 
+def beside_friction(rows: Rows, values: FloatArray) -> FloatArray:
+    """(R, n) torque less what friction and offset of each joint take of it on the rows where all are used."""
+    used, result = rows.used.all(axis=1), values.copy()
+    for joint in range(values.shape[1]):
+        columns = np.column_stack([np.ones(len(values)), rows.velocity[:, joint], rows.direction[:, joint]])
+        result[used, joint] = _beside(columns[used], values[used, joint])
+    return result
+
+
 def _beside(columns: FloatArray, values: FloatArray) -> FloatArray:
     """Values (R,) or (R, m) less what columns (R, k) take of them."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])

@@ -18,7 +18,7 @@ from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
 from identification.audit.exchange import Stated
 from identification.audit.given import GivenModel
-from identification.audit.misread import least_square
+from identification.audit.misread import beside_friction, least_square
 from identification.audit.rows import REPEATED, Rows
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
@@ -87,10 +87,13 @@ def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tupl
     rows, n = geometry.rows, geometry.robot.n
     used = rows.used.all(axis=1)
     expected = geometry.columns(set_up.gravity) @ model.values
-    floor = least_square(model, expected[used])
+    # A drawn model says nothing of friction, which turns with its joint: it is taken off both.
+    known = expected if model.own else beside_friction(rows, expected)
+    floor = least_square(model, known[used])
 
     def nats(torque: FloatArray, expected: FloatArray) -> float:
-        return -0.5 / REPEATED * float(((torque - expected)[used] ** 2 / floor).sum())
+        left = torque - expected if model.own else beside_friction(rows, torque - expected)
+        return -0.5 / REPEATED * float((left[used] ** 2 / floor).sum())
 
     stated = nats(rows.torque, expected)
     gain, best = LEAST_GAIN, None

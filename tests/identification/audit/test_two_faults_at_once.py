@@ -144,3 +144,19 @@ def test_a_sign_is_named_beside_exchanged_torques(folder: Path) -> None:
 def test_a_sensor_that_measures_next_to_nothing_is_no_wrong_order(folder: Path) -> None:
     found = asked(folder, recorded(folder, change=times(4, 0.01)))
     assert named(found) == [("torque_sensor_gain", (4,))]
+
+
+def test_a_joint_that_counts_the_other_way_is_seen_against_a_file(folder: Path) -> None:
+    """The file was said to hold: what it leaves was compared with what any rigid body leaves."""
+    (folder / "turned.urdf").write_text(arm(turned=4))
+    found = asked(folder, recorded(folder), "turned.urdf", robot="turned.urdf")
+    assert named(found) == [("wrong_joint_order", (4,))]
+    assert "counts the other way" in found.sentence
+
+
+def test_bodies_that_are_all_too_heavy_are_no_position_with_the_wrong_sign(folder: Path) -> None:
+    """A joint turned made the file's torque a little smaller, and was named, though nearly all of the misfit stayed."""
+    (folder / "heavy.urdf").write_text(arm(heavier=1.3))
+    assert {effect for effect, _ in named(asked(folder, recorded(folder, 21, slow=True), "heavy.urdf"))} <= {
+        "torque_sensor_gain"
+    }
