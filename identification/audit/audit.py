@@ -45,7 +45,7 @@ STILL_ITS_OWN = 4.0
 MUCH_MORE = 4.0
 """Times the squares that stay beside a load with all its numbers, above which mass and centre alone do not tell it."""
 TOO_WIDE = 0.5
-"""Of the torque's size: a model whose own uncertainty is larger foretells nothing."""
+"""Of the torque's size, measured or expected: a model whose own uncertainty is larger foretells nothing."""
 
 
 TOO_LITTLE = (
@@ -187,13 +187,15 @@ def _too_wide(given: _Given) -> bool:
     if not given.model.own:
         return False
     used, torque = given.geometry.rows.used, given.geometry.rows.torque
-    size = np.where(used, torque**2, 0.0).sum()
-    wide = []
     for gravity in (given.set_up.gravity, given.stand):
         columns = given.geometry.columns(gravity)
         spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance_on(1.0), columns, optimize=True)
-        wide.append(np.where(used, spread, 0.0).sum())
-    return bool(min(wide) > TOO_WIDE**2 * size)
+        expected = columns @ given.model.values
+        # A torque that is far smaller than what is expected does not make the model uncertain.
+        size = max(float(np.where(used, each**2, 0.0).sum()) for each in (torque, expected))
+        if float(np.where(used, spread, 0.0).sum()) <= TOO_WIDE**2 * size:
+            return False
+    return True
 
 
 def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -> Audit:

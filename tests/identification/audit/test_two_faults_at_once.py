@@ -160,3 +160,9 @@ def test_bodies_that_are_all_too_heavy_are_no_position_with_the_wrong_sign(folde
     assert {effect for effect, _ in named(asked(folder, recorded(folder, 21, slow=True), "heavy.urdf"))} <= {
         "torque_sensor_gain"
     }
+
+
+def test_a_torque_of_the_motors_is_a_scale_and_no_model_that_shows_too_little(folder: Path, fitted: Model) -> None:
+    found = asked(folder, recorded(folder, change=lambda torque: 0.01 * torque), fitted)
+    assert named(found) == [("torque_sensor_gain", (None,))]
+    assert found.differences[0].numbers[0].value == pytest.approx(0.01, rel=0.05)
