@@ -225,8 +225,7 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
     verdict = _verdict(differences, before, after, noise.std, holds)
     unit = given.geometry.robot.torque_unit
     return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
-                 _sentence(model.name, verdict, differences, before, after, unit, model.own),
-                 holds)  # fmt: skip
+                 _sentence(verdict, differences, (before, after, noise.std), unit, model, holds), holds)  # fmt: skip
 
 
 def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,
@@ -241,16 +240,26 @@ def _verdict(differences: list[Difference], before: FloatArray, after: FloatArra
     return "named" if explained >= ENOUGH * possible else "partly"
 
 
-def _sentence(source: str, verdict: str, differences: list[Difference], before: FloatArray, after: FloatArray,
-              unit: str, own: bool) -> str:  # fmt: skip
-    left, stays = (f"{float(np.sqrt(np.sum(values**2))):.3g} {unit}" for values in (before, after))
+def _sentence(
+    verdict: str, differences: list[Difference], rms: tuple[FloatArray, ...], unit: str, model: GivenModel, holds: bool
+) -> str:
+    """rms: what the model leaves without and with the differences, and all parameters fitted anew; each (n,) Nm."""
+    left, stays, least = (f"{float(np.sqrt(np.sum(values**2))):.3g} {unit}" for values in rms)
     # What a file says of friction is not believed here; the table of a leaderboard has it as the file states it.
-    how = "all joints together" if own else "all joints together, friction and offsets fitted"
+    how = "all joints together" if model.own else "all joints together, friction and offsets fitted"
     match verdict:
+        case "nothing" if model.own:
+            return f"{model.name} holds: it leaves {left} RMS ({how}), and nothing in the set-up differs."
         case "nothing":
-            return f"{source} holds: it leaves {left} RMS ({how}), and nothing in the set-up differs."
+            # Of a file nobody knows what it leaves of a sound recording: it can only be as good as any rigid body.
+            return (
+                f"{model.name} holds as well as any rigid body: it leaves {left} RMS ({how}), all parameters fitted "
+                f"anew {least}. No one thing in the set-up is seen to differ."
+            )
         case "unexplained":
-            return f"{source} leaves {left} RMS ({how}), and no one thing in the set-up explains it."
+            return f"{model.name} leaves {left} RMS ({how}), and no one thing in the set-up explains it."
     found = " ".join(item.sentence for item in differences)
-    rest = "" if verdict == "named" else " That is not all that differs."
+    rest = "" if verdict == "named" and holds else " That is not all that differs."
+    if left == stays:
+        return f"{found} With that put right {stays} RMS stay.{rest}"
     return f"{found} {left} RMS before, {stays} after, on rows not used for it.{rest}"

@@ -166,3 +166,12 @@ def test_a_torque_of_the_motors_is_a_scale_and_no_model_that_shows_too_little(fo
     found = asked(folder, recorded(folder, change=lambda torque: 0.01 * torque), fitted)
     assert named(found) == [("torque_sensor_gain", (None,))]
     assert found.differences[0].numbers[0].value == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_file_is_not_said_to_hold_alone_where_no_rigid_body_would(folder: Path) -> None:
+    """A sensor that is plugged in the other way half-way through: nothing that holds for all rows explains it."""
+    half = np.where(np.arange(2000) < 1000, 1.0, -1.0)
+    found = asked(folder, recorded(folder, change=lambda torque: torque * np.column_stack([half, *5 * [abs(half)]])))
+    assert not found.differences
+    assert "as well as any rigid body" in found.sentence
+    assert "all parameters fitted anew" in found.sentence
