@@ -7,7 +7,7 @@ from the audit's `mount`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,10 +19,10 @@ from identification.audit.misread import in_degrees, of_order, order_by_itself
 from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import turned_joint
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
-from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, upright
+from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, signs_of, upright
 from identification.mismatch.findings import DataFault
 from identification.mismatch.nominal import nominal_fit
 from identification.mismatch.settings import DiagnosisSettings
@@ -90,10 +90,26 @@ def set_up_checks(
         *_damaged_files(recordings),
     )
     if order.status != "failed":
-        return checks
+        return _signs_where_it_stands(checks, recordings, robot, stand)
     return tuple(
         UNKNOWN_SIGNS if (item.name, item.status) == (UNKNOWN_SIGNS.name, "failed") else item for item in checks
     )
+
+
+def _signs_where_it_stands(
+    checks: tuple[SetUpCheck, ...], recordings: Sequence[Recording], robot: RobotModel, stand: Mounting | None
+) -> tuple[SetUpCheck, ...]:
+    """With signs that only seem wrong under the gravity that is stated, where the recordings show another one."""
+    signs = next(item for item in checks if item.name == UNKNOWN_SIGNS.name)
+    if signs.status != "failed" or stand is None or not stand.is_other:
+        return checks
+    there = BaseRegressor(replace(robot, gravity=stand.gravity), RegressorOptions(rotor_inertia=True, offset=True))
+    if (signs_of(recordings, there) < 0.0).any():
+        return checks
+    well = SetUpCheck(
+        signs.name, "ok", "Every torque sensor has the sign of the arm's own inertia, under the gravity found."
+    )
+    return tuple(well if item is signs else item for item in checks)
 
 
 def _places(

@@ -91,3 +91,12 @@ def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them(
     assert [item.name for item in found.values() if item.status == "failed"] == ["order of joints"]
     assert "joints 2 and 4" in found["order of joints"].sentence
     assert {item.status for item in right.values()} == {"ok"}
+
+
+def test_signs_are_asked_under_the_gravity_that_the_recording_shows() -> None:
+    """The LBR Med 7 stands level. Said to hang on a wall, two of its sensors seemed to have the wrong sign as well."""
+    recording, robot = measured("lbrmed7.npz")
+    found = {
+        each.name: each for each in examine_set_up([recording], replace(robot, gravity=np.array([9.81, 0.0, 0.0])))
+    }
+    assert (found["gravity"].status, found["torque signs"].status) == ("failed", "ok")
