@@ -175,9 +175,7 @@ def uncertainties(
     inflated = columns * np.sqrt(2.0 / (freedom - 2.0)).ravel()[:, None]
     covariance = inverse + inverse @ (inflated.T @ inflated) @ inverse
     if coloured:
-        sandwich = inverse @ _block_products(nominal, columns, residual) @ inverse
-        wider = np.maximum(np.diag(covariance) / np.maximum(np.diag(sandwich), 1e-300), 1.0)
-        covariance = sandwich * np.sqrt(np.outer(wider, wider))
+        covariance = no_narrower(inverse @ _block_products(nominal, columns, residual) @ inverse, covariance)
     result = []
     for index, member in enumerate(extension.members):
         full = np.zeros((member.rows.coefficients, member.rows.coefficients))
@@ -191,6 +189,20 @@ def uncertainties(
                 together[name][list(member.selection)] = covariance[position, own]
         result.append(Uncertainty(full, shape, together))
     return tuple(result)
+
+
+def no_narrower(covariance: FloatArray, least: FloatArray) -> FloatArray:
+    """A covariance (m, m) with its correlations and no deviation below that of another one.
+
+    What it gives no variance at all has that of the other, correlated with nothing.
+    """
+    own, wanted = np.diag(covariance), np.diag(least)
+    wider = np.sqrt(np.maximum(np.divide(wanted, own, out=np.zeros_like(own), where=own > 0.0), 1.0))
+    result = covariance * wider * wider[:, None]
+    none = own <= 0.0
+    result[none], result[:, none] = 0.0, 0.0
+    result[none, none] = wanted[none]
+    return np.asarray(result)
 
 
 def _tangents(

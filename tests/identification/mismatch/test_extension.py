@@ -95,10 +95,15 @@ def test_a_coefficient_shares_what_the_data_say_with_the_exponent_beside_it(
     assert found.shape_std["exponent"] == pytest.approx(expected[1], rel=1e-2)
 
 
-def test_what_the_data_say_nothing_about_is_as_wide_as_its_bounds(clean_evidence: Evidence, problem: Problem) -> None:
+@pytest.mark.parametrize("coloured", [False, True])
+def test_what_the_data_say_nothing_about_is_as_wide_as_its_bounds(
+    clean_evidence: Evidence, problem: Problem, coloured: bool
+) -> None:
+    """Beside coloured noise it had no deviation at all: not a number."""
     library, member = member_of(Useless(), clean_evidence)
-    (found,) = uncertainties(problem, extend(problem, [member]), problem.residual, library, coloured=False)
+    (found,) = uncertainties(problem, extend(problem, [member]), problem.residual, library, coloured=coloured)
     assert found.shape_std["exponent"] == pytest.approx((BOUNDS[1] - BOUNDS[0]) / np.sqrt(12.0))
+    assert found.covariance[0, 0] > 0.0
 
 
 def test_noise_known_from_few_differences_widens_the_interval_as_students_t_does(
