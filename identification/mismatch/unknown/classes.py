@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -43,8 +43,9 @@ Part = tuple[FloatArray, FloatArray]
 class DependenceClass:
     """One class of dependence. name: contract §6. words: for a sentence, after "a torque that".
 
-    groups: functions of a joint (from 0), each group with a variance of its own. coordinate: the input over which the
-    class has a curve, "" where it has none. shared: the functions are the same for all joints. background: stands for
+    groups: functions of a joint (from 0), each group with a variance of its own. further: groups that are asked only on
+    joints that these leave more than noise, of one other joint each. coordinate: the input over which the class has a
+    curve, "" where it has none. shared: the functions in `groups` are the same for all joints. background: stands for
     whatever is smooth; it is part of the model and the rival of every particular class, and nothing is said of it.
     described: names that describe the class completely. within: class whose functions hold these; where both stand on a
     joint they are one.
@@ -58,6 +59,11 @@ class DependenceClass:
     background: bool = False
     described: tuple[str, ...] = ()
     within: str = ""
+    further: tuple[Callable[[Inputs, int], Part], ...] = ()
+
+    def functions(self, group: int) -> Callable[[Inputs, int], Part]:
+        """Those of a group; the further ones are numbered behind the others."""
+        return (*self.groups, *self.further)[group]
 
 
 def _constant(inputs: Inputs, joint: int) -> Part:
@@ -219,6 +225,29 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("velocity").prod(axis=1)
 
 
+FARTHEST = 8
+"""Joints from one to another of which functions are asked alone."""
+
+
+def _of_one(functions: Callable[[Inputs, int], Part]) -> tuple[Callable[[Inputs, int], Part], ...]:
+    """The same functions of one other joint each, in the order of how much further out it is; none where none is."""
+
+    def of(offset: int, inputs: Inputs, joint: int) -> Part:
+        other = joint + offset
+        if 0 <= other < inputs.motion.n:
+            return functions(inputs, other)
+        return np.zeros((inputs.motion.samples, 1)), np.ones(inputs.motion.samples)
+
+    return tuple(partial(of, offset) for offset in (*range(-FARTHEST, 0), *range(1, FARTHEST + 1)))
+
+
+def _velocity_and_friction(inputs: Inputs, joint: int) -> Part:
+    """Functions of a velocity, and the jump at standstill: of the joint's own it is one of the base parameters."""
+    either, inside = _velocity_either_way(inputs, joint)
+    direction = inputs.direction[:, joint, None]
+    return np.concatenate([either, direction, _velocity_one_way(inputs, joint)[0]], axis=1), inside
+
+
 TOLD_BY_NOISE = (_velocity_late,)
 """Groups that are asked only where the noise is measured: what they describe nearly is what others describe.
 
@@ -254,14 +283,23 @@ CLASSES: tuple[DependenceClass, ...] = (
         described=("presliding_hysteresis",),
     ),
     DependenceClass("load_memory", "depends on where its load last turned round", (_load_memory,)),
-    DependenceClass("configuration", "depends on the configuration of the arm", (_configuration,), "", True),
+    DependenceClass(
+        "configuration", "depends on the configuration of the arm", (_configuration,), shared=True,
+        further=(*_of_one(_position_smooth), *_of_one(_position_fine)),
+    ),
     DependenceClass("state", "depends on the state of the joint and of its neighbours", (_state,), background=True),
     DependenceClass("torque_dynamics", "follows its own torque late, or rings with it", (_dynamics("torque"),)),
     DependenceClass(
         "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)
     ),
-    DependenceClass("other_torques", "depends on the torques of other joints", (_other_torques,)),
-    DependenceClass("other_motion", "depends on the motion of other joints", (_other_motion,)),
+    DependenceClass(
+        "other_torques", "depends on the torques of other joints", (_other_torques,),
+        further=(*_of_one(_load), *_of_one(_load_fine)),
+    ),
+    DependenceClass(
+        "other_motion", "depends on the motion of other joints", (_other_motion,),
+        further=_of_one(_velocity_and_friction),
+    ),
 )  # fmt: skip
 
 
@@ -293,7 +331,7 @@ class Basis:
 
     def columns(self, inputs: Inputs) -> FloatArray:
         """(S, m) torque of each unit weight on a motion."""
-        return self.scaled(CLASSES[self.number].groups[self.group](inputs, self.joint))
+        return self.scaled(CLASSES[self.number].functions(self.group)(inputs, self.joint))
 
     def scaled(self, part: Part) -> FloatArray:
         """(S, m) torque of each unit weight, from what the functions are on a motion."""

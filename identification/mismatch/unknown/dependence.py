@@ -12,6 +12,7 @@ from itertools import chain
 from identification.arrays import FloatArray
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.unknown.choice import choose_classes, kept, without_background_of_few
+from identification.mismatch.unknown.further import asked_further, left_more_than_noise
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.predictive import Dropped, useful
 from identification.mismatch.unknown.rows import Rows, build_rows
@@ -40,6 +41,9 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection
     """The classes of what the nominal model leaves. named: joints (from 0) that names are proposed for."""
     every = build_rows(fitted, unseen, named)
     together = choose_classes(Selection.of(every, range(every.folds + every.heldout), predicted=True))
+    if joints := left_more_than_noise(together):
+        together = asked_further(together, joints)
+        every = together.rows
     if every.problem.noise_is_measured or not every.heldout:
         rows = every.limited([state.groups for state in together.states])
         return _found(together, weighed(rows, predicted=True), Left.of(rows), ())

@@ -280,17 +280,15 @@ def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequenc
 
 
 def beside(
-    gram: JointGram, absent: IntArray, held: IntArray, noise: FloatArray, part: Marginal, shared: Shared
+    visible: FloatArray, held: FloatArray, rest: FloatArray, part: Marginal, shared: Shared
 ) -> tuple[FloatArray, FloatArray]:
-    """Products (k, k) of columns of B that a joint does not hold, and (k,) with its torque, all else integrated out.
+    """Products (k, k) of columns that a joint does not hold, and (k,) with its torque, all else integrated out.
 
-    absent, held: columns of B. part: the joint with those that it holds; shared: with all joints.
+    visible: (k, k) their own products over the noise; held: (m, k) with the columns that it holds; rest: (k, p + 1)
+    with [F y]. part: the joint with those that it holds; shared: with all joints.
     """
-    total = np.tensordot(1.0 / noise, gram.gram, axes=1)
-    visible, rest = total[absent[:, None], absent], total[absent][:, gram.columns :]
     if held.size:
-        across = (part.root[:, None] * total[held[:, None], absent]).T
-        half = solve_triangular(part.factor, across.T, lower=True, check_finite=False).T
+        half = solve_triangular(part.factor, part.root[:, None] * held, lower=True, check_finite=False).T
         visible, rest = visible - half @ half.T, rest - half @ part.solved
     solved = np.linalg.solve(shared.precision, np.column_stack([rest[:, :-1].T, shared.target]))
     return visible - rest[:, :-1] @ solved[:, :-1], rest[:, -1] - rest[:, :-1] @ solved[:, -1]

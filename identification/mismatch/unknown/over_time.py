@@ -28,7 +28,7 @@ from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, shown_on, standings
-from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products
+from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products, usual_groups
 
 ASKED = (
     "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",
@@ -135,8 +135,8 @@ class _Recording:
     def functions(self, joint: int) -> list[tuple[Basis, FloatArray]]:
         """Whitened columns (R, m) of each group of the classes that are asked."""
         if joint not in self.known:
-            numbers = [number for number, item in enumerate(CLASSES) if item.name in ASKED]
-            found = functions_of([self.contrasts.evidence], [self.inputs], joint, numbers)
+            asked = [place for place in usual_groups(measured=True) if CLASSES[place[0]].name in ASKED]
+            found = functions_of([self.contrasts.evidence], [self.inputs], joint, asked)
             self.known[joint] = [
                 (basis, self.contrasts.whiten_repeated(rows[:, None], [joint])[:, 0]) for basis, rows in found
             ]

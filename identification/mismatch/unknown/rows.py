@@ -107,7 +107,6 @@ class Rows:
 
         Beforehand each coefficient is as large as makes its torque that of the average one of its name.
         """
-        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
         prior = [self.prior]
         for columns, size in names:
             square = ((columns * self.problem.weight[..., None]) ** 2).sum(axis=(0, 1))
@@ -115,17 +114,36 @@ class Rows:
         added = np.concatenate([columns for columns, _ in names], axis=2) * self.problem.weight[..., None]
         joints, grams = [], []
         for joint, gram, own in zip(self.joints, self.grams, added, strict=True):
-            whitened = np.concatenate([joint.whitened[:, :-1], own, joint.whitened[:, -1:]], axis=1)
-            size = gram.shape[2] - 1
-            new = np.arange(size, size + own.shape[1])
-            old = np.delete(np.arange(whitened.shape[1]), new)
-            grown = np.empty((*gram.shape[:2], whitened.shape[1], whitened.shape[1]))
-            grown[:, :, old[:, None], old] = gram
-            grown[..., new] = products(whitened, own, key, (parts, bands))
-            grown[:, :, new] = grown[..., new].swapaxes(2, 3)
+            whitened, grown = self._with(joint, gram, own, joint.whitened.shape[1] - 1)
             joints.append(replace(joint, whitened=whitened))
             grams.append(grown)
         return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.concatenate(prior))
+
+    def further(self, joint: int) -> list[tuple[Basis, FloatArray]]:
+        """The further groups of all classes on a joint (from 0), with their whitened columns (R, m)."""
+        found = functions_of(self.evidences, self.inputs, joint, _FURTHER)
+        weight = self.problem.weight[joint][:, None]
+        return [(basis, rows * weight) for basis, rows in found]
+
+    def with_group(self, joint: int, basis: Basis, columns: FloatArray) -> Rows:
+        """With one group more on a joint (from 0), behind the others. columns: (R, m) whitened."""
+        old, joints, grams = self.joints[joint], list(self.joints), list(self.grams)
+        whitened, grams[joint] = self._with(old, grams[joint], columns, old.columns)
+        group = np.append(old.group, np.full(columns.shape[1], len(old.bases)))
+        joints[joint] = JointRows(whitened, (*old.bases, basis), group)
+        return replace(self, joints=tuple(joints), grams=tuple(grams))
+
+    def _with(self, joint: JointRows, gram: FloatArray, own: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+        """A joint's whitened columns and their products with further columns (R, k) before one of them."""
+        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
+        whitened = np.concatenate([joint.whitened[:, :place], own, joint.whitened[:, place:]], axis=1)
+        new = np.arange(place, place + own.shape[1])
+        old = np.delete(np.arange(whitened.shape[1]), new)
+        grown = np.empty((*gram.shape[:2], whitened.shape[1], whitened.shape[1]))
+        grown[:, :, old[:, None], old] = gram
+        grown[..., new] = products(whitened, own, key, (parts, bands))
+        grown[:, :, new] = grown[..., new].swapaxes(2, 3)
+        return whitened, grown
 
     def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
         """Only some groups of each joint, without the products of held-out rows."""
@@ -229,8 +247,9 @@ def _joints(
 ) -> tuple[JointRows, ...]:
     """Columns of all classes on the joints that are asked, beside the base columns and the torque."""
     common: list[tuple[Basis, FloatArray]] = []
-    shared = [number for number, item in enumerate(CLASSES) if item.shared]
-    particular = [number for number, item in enumerate(CLASSES) if not item.shared]
+    measured = problem.noise_is_measured
+    shared = [place for place in usual_groups(measured=measured) if CLASSES[place[0]].shared]
+    particular = [place for place in usual_groups(measured=measured) if not CLASSES[place[0]].shared]
     result = []
     for joint in range(problem.n):
         own = []
@@ -250,22 +269,35 @@ def _joints(
     return tuple(result)
 
 
+Place = tuple[int, int]
+"""Number of a class in CLASSES, and number of one of its groups."""
+_FURTHER: tuple[Place, ...] = tuple(
+    (number, len(item.groups) + group) for number, item in enumerate(CLASSES) for group in range(len(item.further))
+)
+
+
+def usual_groups(*, measured: bool) -> list[Place]:
+    """All groups but the further ones. measured: whether the noise is."""
+    return [
+        (number, group)
+        for number, item in enumerate(CLASSES)
+        for group, functions in enumerate(item.groups)
+        if measured or functions not in TOLD_BY_NOISE
+    ]
+
+
 def functions_of(
-    evidences: Sequence[Evidence], inputs: Sequence[Inputs], joint: int, numbers: Sequence[int]
+    evidences: Sequence[Evidence], inputs: Sequence[Inputs], joint: int, places: Sequence[Place]
 ) -> list[tuple[Basis, FloatArray]]:
-    """The groups of some classes of a joint, with their rows (R, m) Nm. numbers: of the classes in CLASSES."""
+    """Some groups of functions of a joint (from 0), with their rows (R, m) Nm; none where the inputs do not move."""
     found = []
-    measured = all(each.noise_is_measured for each in evidences)
-    for number in numbers:
-        for group, functions in enumerate(CLASSES[number].groups):
-            if functions in TOLD_BY_NOISE and not measured:
-                continue
-            parts = [functions(each, joint) for each in inputs]
-            basis = Basis.of(number, group, joint, parts)
-            if basis.scale > 0.0:
-                # One group at a time: all of them together are too large for a processor's memory near by.
-                rows = [each.project(basis.scaled(part)) for each, part in zip(evidences, parts, strict=True)]
-                found.append((basis, np.concatenate(rows)))
+    for number, group in places:
+        parts = [CLASSES[number].functions(group)(each, joint) for each in inputs]
+        basis = Basis.of(number, group, joint, parts)
+        if basis.scale > 0.0:
+            # One group at a time: all of them together are too large for a processor's memory near by.
+            rows = [each.project(basis.scaled(part)) for each, part in zip(evidences, parts, strict=True)]
+            found.append((basis, np.concatenate(rows)))
     return found
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.settings import PRIOR_COST, VARIANCE_CAP
-from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.evidence import (
     LEAST_NOISE,
     Hyper,
@@ -120,6 +120,13 @@ class Selection:
         """A joint with some groups under given variances."""
         gram = self.worlds[0][joint].only(groups)
         return JointState(groups, gram, hyper, marginal(gram, hyper))
+
+    def with_group(self, joint: int, basis: Basis, columns: FloatArray) -> Selection:
+        """A copy whose rows have one group more on a joint, (R, m) whitened, which no state holds yet."""
+        rows = self.rows.with_group(joint, basis, columns)
+        grams = list(self.worlds[0])
+        grams[joint] = rows.of(range(rows.folds + rows.heldout))[joint]
+        return replace(self, rows=rows, worlds=(tuple(grams),), states=list(self.states), held=list(self.held))
 
     def with_state(self, joint: int, state: JointState) -> Selection:
         """A copy with another state of one joint."""
@@ -256,10 +263,14 @@ class Selection:
         return self.state(joint, tuple(state.groups[place] for place in kept), hyper)
 
     def with_class(self, joint: int, state: JointState, number: int) -> JointState:
-        """A state with one class more, not yet estimated anew."""
+        """A state with all groups of a class, not yet estimated anew."""
         bases = self.rows.joints[joint].bases
-        added = tuple(group for group, basis in enumerate(bases) if basis.number == number)
-        start = np.full(len(added), START * max(float(self.rows.misfit[joint]), 1e-24))
+        return self.with_added(joint, state, [group for group, basis in enumerate(bases) if basis.number == number])
+
+    def with_added(self, joint: int, state: JointState, groups: Sequence[int]) -> JointState:
+        """A state with those of some groups that it does not hold, not yet estimated anew."""
+        added = tuple(group for group in groups if group not in state.groups)
+        start = np.full(len(added), self._start(joint))
         hyper = Hyper(np.concatenate([state.hyper.variance, start]), state.hyper.noise)
         return self.state(joint, (*state.groups, *added), hyper)
 
@@ -280,14 +291,22 @@ class Selection:
         absent = np.setdiff1d(np.arange(gram.columns), held)
         if not absent.size:
             return {}
-        shared = self.others(joint, 0).plus(state.part)
-        visible, target = beside(gram, absent, held, state.hyper.noise, state.part, shared)
         bases = self.rows.joints[joint].bases
+        total = np.tensordot(1.0 / state.hyper.noise, gram.gram, axes=1)
+        products = total[absent[:, None], absent], total[held[:, None], absent], total[absent][:, gram.columns :]
         number_of = np.array([bases[group].number for group in gram.group[absent]])
+        found = self.gains_of(joint, state, products, number_of)
+        return {number: gain for number, gain in found.items() if number not in self.banned}
+
+    def gains_of(
+        self, joint: int, state: JointState, products: tuple[FloatArray, FloatArray, FloatArray], kind: IntArray
+    ) -> dict[int, float]:
+        """Nats that absent columns of each kind would gain. products: as `beside` takes them; kind: (k,) numbers."""
+        visible, target = beside(*products, state.part, self.others(joint, 0).plus(state.part))
         variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, VARIANCE_CAP, GRID)
         found = {}
-        for number in sorted(set(number_of.tolist()) - self.banned):
-            chosen = np.flatnonzero(number_of == number)
+        for number in np.unique(kind).tolist():
+            chosen = np.flatnonzero(kind == number)
             found[int(number)] = largest_gain(visible[chosen[:, None], chosen], target[chosen], variances)
         return found
 
@@ -304,8 +323,12 @@ class Selection:
     def unsettled(self, joint: int, groups: Sequence[int]) -> JointState:
         """A joint with some groups, not yet estimated, the noise as measured where it is."""
         noise = self.states[joint].hyper.noise
-        start = np.full(len(groups), START * max(float(self.rows.misfit[joint]), 1e-24))
+        start = np.full(len(groups), self._start(joint))
         return self.state(joint, tuple(groups), Hyper(start, np.ones_like(noise) if self.rows.noise_rows else noise))
+
+    def _start(self, joint: int) -> float:
+        """Nm², the variance that a new group begins with."""
+        return START * max(float(self.rows.misfit[joint]), 1e-24)
 
     def full(self, joint: int) -> JointState:
         """A joint with all classes that its rows hold, not yet estimated."""
