@@ -84,13 +84,15 @@ def one_a_line(remaining: str) -> list[str]:
 def _probability_of_more(left: Residuals, fitted: Residuals) -> FloatArray:
     """(n,) chance of so much misfit on a recording where the model leaves as much as on the fitted ones.
 
-    The scatter of the predicted parameters is part of what is expected, in the fitted misfit's own size. Rows differ in
-    power: the degrees of freedom of their sum are those of equally strong rows (Welch and Satterthwaite).
+    The scatter of the predicted parameters is part of what is expected, in the fitted misfit's own size, and so is what
+    the recording has more of noise: a mean of many periods has less than one run. Rows differ in power: the degrees of
+    freedom of their sum are those of equally strong rows (Welch and Satterthwaite).
     """
     level = fitted.rms_nm**2
     share = level / np.maximum(fitted.noise_floor_nm**2, 1e-300)
     spread = np.maximum(left.expected_nm**2 - left.noise_floor_nm**2, 0.0)
-    ratio = left.rms_nm**2 / np.maximum(level + share * spread, 1e-300)
+    noisier = np.maximum(left.noise_floor_nm**2 - fitted.noise_floor_nm**2, 0.0)
+    ratio = left.rms_nm**2 / np.maximum(level + share * spread + noisier, 1e-300)
     return np.asarray(fisher.sf(ratio, left.freedom, fitted.freedom), dtype=np.float64)
 
 

@@ -143,3 +143,17 @@ def test_another_set_up_is_named_only_where_it_is_all_that_differs(
     rows = SimpleNamespace(fit=object(), fitted=[None], unseen=[None])
     answer = diagnosis_module._other_set_up(said, rows, None)  # type: ignore[arg-type]
     assert (answer is found) is named
+
+
+def test_one_run_is_noisier_than_a_mean_of_periods_and_nothing_differs(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """The same arm twice: 16 periods, and a run that states none. "Something differs" was said of each joint."""
+    fitted = named(record(iiwa14, table3, periods=16), "periods/recording.mcap")
+    run = record(iiwa14, table3, periods=2, motion=9, seed=2)
+    unseen = named(
+        replace(run, period_s=None, period_index=None, sample_in_period=None, samples_per_period=None), "run/one.mcap"
+    )
+    diagnosis = diagnose([fitted], iiwa14, heldout=[unseen])
+    assert diagnosis.heldout is not None
+    assert not diagnosis.heldout.misfits
