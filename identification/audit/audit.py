@@ -32,7 +32,7 @@ from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError
-from identification.mismatch.data_faults.faults import signs_of
+from identification.mismatch.data_faults.torque_signs import signs_of
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel, refuse_followers

@@ -24,7 +24,7 @@ from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIG
 from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
-from identification.mismatch.data_faults.faults import signs_of
+from identification.mismatch.data_faults.torque_signs import signs_of
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording

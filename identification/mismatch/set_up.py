@@ -22,7 +22,8 @@ from identification.audit.turned import turned_joint
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
-from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, signs_of, upright
+from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, upright
+from identification.mismatch.data_faults.torque_signs import signs_of
 from identification.mismatch.findings import DataFault
 from identification.mismatch.nominal import nominal_fit
 from identification.mismatch.settings import DiagnosisSettings

@@ -13,22 +13,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_filter
 
 from identification.arrays import FloatArray, longest_run
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.base_parameters import BaseRegressor
-from identification.errors import RecordingError
 from identification.fitting.blocks import shortest_solution
-from identification.fitting.torque_sign import positive_quantities
-from identification.mismatch.data_faults.rival_physics import beside, rival_physics
-from identification.mismatch.data_faults.torque_signs import SignRows, likeliest_signs
+from identification.mismatch.data_faults.thinned import (
+    ROWS_PER_NUMBER,
+    Thinned,
+    by_joint_of,
+    columns_of,
+    thinned_stretch,
+    torque_beside,
+    transposed,
+)
+from identification.mismatch.data_faults.torque_signs import signs_of_stretches
 from identification.mismatch.findings import DataFault
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
-from identification.signals.aperiodic import process_aperiodic
-from identification.signals.periodic import process_periodic
 from identification.signals.processed import ProcessedSignals
 
 ROW_FAULTS = {
@@ -42,20 +45,8 @@ ROW_FAULTS = {
 PLATEAU_SAMPLES = 10
 PLATEAU_RUN = 3
 PLATEAU_OVER_NEIGHBOUR = 5.0
-ROWS_PER_NUMBER = 10.0
-"""Residuals of neighbouring rows are alike: their number overstates what is known, by ten at least."""
 TIME_BASE_COST_RATIO = 1.3
-MOST_STATES = 1200
-SMOOTHED_S = 0.1
 _CUTOFF = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Thinned:
-    """A stretch with few samples, and per joint the free functions that a fault must beat (`rival_physics`)."""
-
-    signals: ProcessedSignals
-    rivals: tuple[FloatArray, ...]
 
 
 def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) -> tuple[tuple[DataFault, ...], ...]:
@@ -64,8 +55,8 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
     regressor: of the nominal model, with rotor inertia and offset where the torque needs them. A recording that is too
     short for the fit is judged by its rows only; signs are judged with common base parameters.
     """
-    thinned = [_thinned(recording) for recording in recordings]
-    signs = _signs(thinned, regressor)
+    thinned = [thinned_stretch(recording) for recording in recordings]
+    signs = signs_of_stretches(thinned, regressor)
     found = []
     for recording, stretch, own, name in zip(recordings, thinned, signs, recording_names(recordings), strict=True):
         faults = [
@@ -78,20 +69,6 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
         faults += [] if time_base is None else [time_base]
         found.append(tuple(replace(fault, recording=name) for fault in faults))
     return tuple(found)
-
-
-def signs_of(recordings: Sequence[Recording], regressor: BaseRegressor) -> FloatArray:
-    """(R, n) −1 where the torque of a joint has the wrong sign. As `find_data_faults`, nothing else asked."""
-    return _signs([_thinned(recording) for recording in recordings], regressor)
-
-
-def _signs(thinned: Sequence[Thinned | None], regressor: BaseRegressor) -> FloatArray:
-    known = [place for place, stretch in enumerate(thinned) if stretch is not None]
-    rows = [_sign_rows(stretch, regressor) for stretch in thinned if stretch is not None]
-    signs = np.ones((len(thinned), regressor.robot.n))
-    if rows:
-        signs[known] = likeliest_signs(rows)
-    return signs
 
 
 def upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:
@@ -155,80 +132,6 @@ def _saturation(recording: Recording, name: str) -> list[DataFault]:
     return faults
 
 
-def _thinned(recording: Recording) -> Thinned | None:
-    """At most MOST_STATES samples of the longest stretch, spread evenly over those that count, torque smoothed over
-    0.1 s; None where the recording has no stretch.
-    """
-    try:
-        stretches = [process_periodic(recording)] if recording.is_periodic else process_aperiodic(recording)
-    except RecordingError:
-        return None
-    stretch = max(stretches, key=lambda signals: signals.time.size)
-    step = float(stretch.time[1] - stretch.time[0])
-    width = min(max(5, 2 * round(0.5 * SMOOTHED_S / step) + 1), (stretch.time.size - 1) // 2 * 2 - 1)
-    counts = np.ones(stretch.time.size, dtype=np.bool_)
-    if stretch.row_time is not None:
-        place = np.minimum(np.searchsorted(stretch.row_time, stretch.time), stretch.row_time.size - 1)
-        inside = (stretch.time >= stretch.row_time[0]) & (stretch.time <= stretch.row_time[-1])
-        counts = inside & stretch.used[place].all(axis=1)
-    index = np.flatnonzero(counts if counts.sum() > 100 else np.ones_like(counts))
-    index = index[np.linspace(0, index.size - 1, min(MOST_STATES, index.size)).astype(int)]
-    torque, rate = (savgol_filter(stretch.torque, width, 3, deriv=order, delta=step, axis=0)[index] for order in (0, 1))
-    position, velocity = stretch.position[index], stretch.velocity[index]
-    signals = replace(
-        stretch,
-        time=stretch.time[index],
-        position=position,
-        velocity=velocity,
-        acceleration=stretch.acceleration[index],
-        torque=torque,
-    )
-    return Thinned(signals, rival_physics(position, velocity, torque, rate))
-
-
-def _sign_rows(stretch: Thinned, regressor: BaseRegressor) -> SignRows:
-    signals = stretch.signals
-    columns = _columns(signals, regressor, 1.0, 1.0)
-    gram, seen, squares = [], [], []
-    for rivals in ((), stretch.rivals):
-        by_joint, torque = _by_joint(columns, rivals), _torque_beside(signals.torque, rivals)
-        gram.append(_transposed(by_joint) @ by_joint)
-        seen.append((_transposed(by_joint) @ torque.T[..., None])[..., 0])
-        squares.append((torque**2).sum(axis=0))
-    return SignRows(
-        gram=np.stack(gram) / ROWS_PER_NUMBER,
-        seen=np.stack(seen) / ROWS_PER_NUMBER,
-        squares=np.stack(squares) / ROWS_PER_NUMBER,
-        columns=np.array([basis.shape[1] for basis in stretch.rivals], dtype=np.float64),
-        numbers=signals.time.size / ROWS_PER_NUMBER,
-        positive=positive_quantities(regressor, signals.position, signals.velocity),
-    )
-
-
-def _columns(stretch: ProcessedSignals, regressor: BaseRegressor, velocity: float, acceleration: float) -> FloatArray:
-    """(S, n, p) with velocity and acceleration times those factors."""
-    return regressor.matrix(stretch.position, velocity * stretch.velocity, acceleration * stretch.acceleration)
-
-
-def _by_joint(columns: FloatArray, rivals: Sequence[FloatArray]) -> FloatArray:
-    """(S, n, p) → (n, S, p), so that weights of joints can be changed after the products over the samples are made.
-
-    rivals: per joint what is fitted along and taken off, or nothing.
-    """
-    if not rivals:
-        return np.ascontiguousarray(columns.transpose(1, 0, 2))
-    return np.stack([beside(basis, columns[:, joint]) for joint, basis in enumerate(rivals)])
-
-
-def _torque_beside(torque: FloatArray, rivals: Sequence[FloatArray]) -> FloatArray:
-    """(S, n) without what the free functions of each joint take of it."""
-    return _by_joint(torque[:, :, None], rivals)[..., 0].T if rivals else torque
-
-
-def _transposed(columns: FloatArray) -> FloatArray:
-    return columns.transpose(0, 2, 1)
-
-
 def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
     joints = tuple(int(joint) + 1 for joint in np.flatnonzero(signs < 0.0))
     if not joints:
@@ -276,7 +179,7 @@ def clock_in_doubt(recording: Recording, regressor: BaseRegressor) -> tuple[floa
 
     Free functions of each joint may do as well: what is beyond them is a fault (`find_data_faults`). Signs are right.
     """
-    stretch = _thinned(recording)
+    stretch = thinned_stretch(recording)
     if stretch is None:
         return None
     ratio, std, cost_ratio = _ratio_from_torque(stretch.signals, regressor, np.ones(recording.n))
@@ -327,18 +230,18 @@ def _ratio_from_torque(
     Y(q, r q̇, r² q̈) = Y(q, 0, 0) + r V + r² D with V viscous friction and D inertia; the product of rows is then a
     polynomial in r whose coefficients are made once.
     """
-    gravity = _columns(stretch, regressor, 0.0, 0.0)
-    whole = _columns(stretch, regressor, 1.0, 1.0)
-    turned = _columns(stretch, regressor, -1.0, 1.0)
+    gravity = columns_of(stretch, regressor, 0.0, 0.0)
+    whole = columns_of(stretch, regressor, 1.0, 1.0)
+    turned = columns_of(stretch, regressor, -1.0, 1.0)
     # Odd in the velocity is friction. Coulomb friction stays as it is: sign(r q̇) = sign(q̇).
     odd, even = 0.5 * (whole - turned), 0.5 * (whole + turned) - gravity
     sizes = np.array([name.startswith("FV_") for name in regressor.names])
     constant, linear = gravity + np.where(sizes, 0.0, odd), np.where(sizes, odd, 0.0)
-    torque = _torque_beside(stretch.torque * signs, rivals)
+    torque = torque_beside(stretch.torque * signs, rivals)
     weight = np.ones(stretch.n)
-    blocks = [_by_joint(block, rivals) for block in (constant, linear, even)]
-    products = {(a, b): _transposed(blocks[a]) @ blocks[b] for a in range(3) for b in range(a, 3)}
-    seen = [(_transposed(block) @ torque.T[..., None])[..., 0] for block in blocks]
+    blocks = [by_joint_of(block, rivals) for block in (constant, linear, even)]
+    products = {(a, b): transposed(blocks[a]) @ blocks[b] for a in range(3) for b in range(a, 3)}
+    seen = [(transposed(block) @ torque.T[..., None])[..., 0] for block in blocks]
     for _ in range(3):
         cost = _ClockCost(
             {pair: np.tensordot(weight**2, product, 1) for pair, product in products.items()},

@@ -16,8 +16,19 @@ from itertools import combinations
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.fitting.torque_sign import broken_squares
+from identification.base_parameters import BaseRegressor
+from identification.fitting.torque_sign import broken_squares, positive_quantities
+from identification.mismatch.data_faults.thinned import (
+    ROWS_PER_NUMBER,
+    Thinned,
+    by_joint_of,
+    columns_of,
+    thinned_stretch,
+    torque_beside,
+    transposed,
+)
 from identification.mismatch.settings import ALTERNATIVE, SPEAK
+from identification.recordings.recording import Recording
 
 ROUNDS = 6
 MOST_TURNED = 3
@@ -44,6 +55,21 @@ class SignRows:
     columns: FloatArray
     numbers: float
     positive: FloatArray
+
+
+def signs_of(recordings: Sequence[Recording], regressor: BaseRegressor) -> FloatArray:
+    """(R, n) −1 where the torque of a joint has the wrong sign. regressor: of the nominal model of these recordings."""
+    return signs_of_stretches([thinned_stretch(recording) for recording in recordings], regressor)
+
+
+def signs_of_stretches(thinned: Sequence[Thinned | None], regressor: BaseRegressor) -> FloatArray:
+    """The same of recordings that were thinned; ones for None."""
+    known = [place for place, stretch in enumerate(thinned) if stretch is not None]
+    rows = [_rows_of(stretch, regressor) for stretch in thinned if stretch is not None]
+    signs = np.ones((len(thinned), regressor.robot.n))
+    if rows:
+        signs[known] = likeliest_signs(rows)
+    return signs
 
 
 def likeliest_signs(recordings: Sequence[SignRows]) -> FloatArray:
@@ -151,3 +177,22 @@ def _kept(left: FloatArray, columns: FloatArray, numbers: FloatArray) -> FloatAr
     taken = np.maximum(numbers - columns, 0.0) * np.maximum(left[0] - left[1], 0.0)
     beside = columns * left[1]
     return np.asarray(np.divide(beside, taken, out=np.ones_like(taken), where=taken > beside))
+
+
+def _rows_of(stretch: Thinned, regressor: BaseRegressor) -> SignRows:
+    signals = stretch.signals
+    columns = columns_of(signals, regressor, 1.0, 1.0)
+    gram, seen, squares = [], [], []
+    for rivals in ((), stretch.rivals):
+        by_joint, torque = by_joint_of(columns, rivals), torque_beside(signals.torque, rivals)
+        gram.append(transposed(by_joint) @ by_joint)
+        seen.append((transposed(by_joint) @ torque.T[..., None])[..., 0])
+        squares.append((torque**2).sum(axis=0))
+    return SignRows(
+        gram=np.stack(gram) / ROWS_PER_NUMBER,
+        seen=np.stack(seen) / ROWS_PER_NUMBER,
+        squares=np.stack(squares) / ROWS_PER_NUMBER,
+        columns=np.array([basis.shape[1] for basis in stretch.rivals], dtype=np.float64),
+        numbers=signals.time.size / ROWS_PER_NUMBER,
+        positive=positive_quantities(regressor, signals.position, signals.velocity),
+    )
