@@ -157,7 +157,7 @@ def simulate(
         message(range_sentence(model.data["class_terms"]))
     settings = SimulationSettings(
         motor_inertia=motors,
-        motor_inertia_in_torque=bool(np.all(chosen.rotor_inertia > 0.0)),
+        motor_inertia_in_torque=chosen.rotor_inertia > 0.0,
         offset=chosen.offset,
         coulomb_velocity=model.options.coulomb_velocity,
     )

@@ -255,8 +255,8 @@ def inverse_dynamics(
 ) -> FloatArray:
     """(S, n) Nm: eq. (1) along a motion (S, n) each, as the robot's sensor would show it, without effects."""
     model = parameters.pinocchio_model(robot)
-    shown = settings.motor_inertia if settings.motor_inertia_in_torque else None
-    model.armature = np.zeros(robot.n) if shown is None else shown
+    motor = np.zeros(robot.n) if settings.motor_inertia is None else settings.motor_inertia
+    model.armature = np.where(settings.motor_inertia_in_torque, motor, 0.0)
     data = model.createData()
     rigid = np.array([pinocchio.rnea(model, data, *row) for row in zip(position, velocity, acceleration, strict=True)])
     friction = parameters.friction(velocity, settings.coulomb_velocity)

@@ -25,11 +25,12 @@ estimates themselves; the other axes by rated torque. Good to perhaps a factor o
 def motor_inertia_of(robot: RobotModel, parameters: ModelParameters) -> tuple[FloatArray, str]:
     """(n,) kg m² (kg for a prismatic joint) of each motor as seen at its joint, and where the numbers are from.
 
-    Identified ones where the model has them (torque measured at the motor); else the prior by rated torque; else, where
-    no rated torque is stated, as much as the links' own inertia at zero.
+    Identified ones where the model has them (torque measured at the motor), joint by joint; else the prior by rated
+    torque; else, where no rated torque is stated, as much as the links' own inertia at zero.
     """
     identified = parameters.rotor_inertia
-    if np.all(identified > 0.0):
+    assumed = identified <= 0.0
+    if not assumed.any():
         return identified.copy(), "Motor inertias are the identified ones; the simulated torque contains them."
     model = parameters.pinocchio_model(robot)
     model.armature = np.zeros(robot.n)
@@ -37,11 +38,14 @@ def motor_inertia_of(robot: RobotModel, parameters: ModelParameters) -> tuple[Fl
     rated = np.where(robot.effort > 0.0, robot.effort, np.nan)
     by_torque = np.isfinite(rated) & robot.kinematics.revolute
     prior = np.where(by_torque, INERTIA_PER_TORQUE * rated, own)
-    values = np.where(identified > 0.0, identified, prior)
-    listed = ", ".join(f"{value:.3g}" for value in values)
-    origin = "from rated torque" if by_torque.all() else "where no rated torque is stated, as the links' own"
+    values = np.where(assumed, prior, identified)
+    listed = ", ".join(f"{value:.3g}" for value in values[assumed])
+    joints = [str(joint + 1) for joint in np.flatnonzero(assumed)]
+    which = "" if assumed.all() else f" of joint{'s' if len(joints) > 1 else ''} {', '.join(joints)}"
+    others = "" if assumed.all() else " Those of the other joints are the identified ones, which it contains."
+    origin = "from rated torque" if by_torque[assumed].all() else "where no rated torque is stated, as the links' own"
     return values, in_units(
-        f"Motor inertias are no identified numbers but a prior ({listed} kg m²; {origin}): they move the simulated arm "
-        "and are not in its measured torque.",
+        f"Motor inertias{which} are no identified numbers but a prior ({listed} kg m²; {origin}): they move the "
+        f"simulated arm and are not in its measured torque.{others}",
         robot.units,
     )

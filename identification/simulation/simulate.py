@@ -44,7 +44,8 @@ class CommandedMotion(Protocol):
 class SimulationSettings:
     """motor_inertia: (n,) kg m², seen at the joints; zeros where None.
 
-    motor_inertia_in_torque: whether the measured torque contains it (sensor at the motor) or not (behind the gear).
+    motor_inertia_in_torque: whether the measured torque contains it (sensor at the motor) or not (behind the gear), of
+    each joint or of all.
     duration_s: one length of the motion where None. lead_in_s: this long before, the arm already follows the motion, so
     that the controller's transient is over. step_s: of control and integration. offset: (n,) Nm, constant torque.
     coulomb_velocity: rad/s (m/s) over which Coulomb friction turns over, 0: sign(q̇); so too where a step is too long
@@ -52,7 +53,7 @@ class SimulationSettings:
     """
 
     motor_inertia: FloatArray | None = None
-    motor_inertia_in_torque: bool = False
+    motor_inertia_in_torque: bool | npt.NDArray[np.bool_] = False
     duration_s: float | None = None
     lead_in_s: float = 0.0
     step_s: float = 0.001
@@ -101,7 +102,7 @@ def simulate(
     parameters = ModelParameters(physical, motor, offset)
     refuse_unmovable(parameters)
     model = parameters.pinocchio_model(robot)
-    known, unseen = model.createData(), np.zeros(n) if chosen.motor_inertia_in_torque else motor
+    known, unseen = model.createData(), np.where(chosen.motor_inertia_in_torque, 0.0, motor)
     duration = trajectory.period_s if chosen.duration_s is None else chosen.duration_s
     rows, lead = round(duration / chosen.step_s), round(chosen.lead_in_s / chosen.step_s)
     time: FloatArray = np.arange(-lead, rows, dtype=np.float64) * chosen.step_s

@@ -31,6 +31,7 @@ from identification.simulation import (
     motor_inertia_of,
     simulate,
 )
+from identification.simulation.comparison import inverse_dynamics
 from tests.identification.exported import consistent, model_of
 
 MOTORS = np.array([4.4, 4.4, 2.42, 2.42, 1.5125, 0.55, 0.55])
@@ -276,3 +277,19 @@ def test_motor_inertias_are_identified_ones_where_there_are_any_else_a_prior_tha
     values, sentence = motor_inertia_of(robot, ModelParameters(table3, np.full(7, 0.3), np.zeros(7)))
     assert np.all(values == 0.3)
     assert "identified" in sentence
+
+
+def test_rotors_identified_on_some_joints_count_in_the_torque_of_these_joints(table3: PhysicalParameters) -> None:
+    """Truth: a rotor adds I q̈ to its own joint's torque, and nothing to another's."""
+    robot, some = load_robot("iiwa14"), np.array([0.3, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+    values, sentence = motor_inertia_of(robot, ModelParameters(table3, some, np.zeros(7)))
+    assert values == pytest.approx(np.where(some > 0.0, some, MOTORS), abs=1e-12)
+    assert "of joints 2, 3, 4, 6, 7 are no identified numbers but a prior (4.4, 2.42, 2.42, 0.55, 0.55" in sentence
+    q, dq, ddq = np.random.default_rng(5).uniform(-1.0, 1.0, (3, 4, 7))
+    known = ModelParameters(consistent(table3), some, np.zeros(7))
+    settings = SimulationSettings(motor_inertia=values, motor_inertia_in_torque=some > 0.0, duration_s=0.05)
+    bare = inverse_dynamics(robot, known, q, dq, ddq, SimulationSettings())
+    assert inverse_dynamics(robot, known, q, dq, ddq, settings) - bare == pytest.approx(some * ddq, abs=1e-12)
+    result = simulate(robot, known.physical, default_trajectory(), PositionLoop(), settings=settings)
+    unseen = np.where(some > 0.0, 0.0, MOTORS)
+    assert result.motor_torque - result.torque == pytest.approx(unseen * result.acceleration, abs=1e-9)
