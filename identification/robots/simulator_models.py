@@ -30,6 +30,13 @@ STATES = 120
 SEED = 96
 TOLERANCE = 1e-4
 """Of the largest torque: files print angles and lengths with few digits."""
+BESIDE_BODIES = {
+    "qfrc_spring": "springs (stiffness)",
+    "qfrc_gravcomp": "gravity compensation (gravcomp)",
+    "qfrc_fluid": "a fluid (density, viscosity)",
+    "qfrc_constraint": "constraints (equality)",
+}
+"""MuJoCo's forces that are neither a rigid body's nor friction."""
 
 
 def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArray:
@@ -55,10 +62,11 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
     left = np.abs(torque.ravel() - columns @ values).reshape(shape).max(axis=0)
     if left.max() > TOLERANCE * np.abs(torque).max():
         joint = int(np.argmax(left))
+        reason = _beside_bodies(path, regressor.robot, (q, dq, ddq), TOLERANCE * float(np.abs(torque).max()))
         raise RobotError.at(
             path,
             f"its torque on joint {joint + 1} cannot be that of {regressor.robot.name} with any inertias "
-            f"({left[joint]:.2g} Nm differ); zero positions, axes, lengths or gravity are others.",
+            f"({left[joint]:.2g} Nm differ); {reason or 'zero positions, axes, lengths or gravity are others.'}",
             joint=joint + 1,
         )
     return np.asarray(values, dtype=np.float64)
@@ -166,7 +174,28 @@ def pinocchio_torque(model: pinocchio.Model, order: Sequence[int]) -> InverseDyn
     return torque
 
 
+def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...], least: float) -> str:
+    """Which forces, Nm above `least` at these states, an MJCF has that bodies and friction have not; '' for none."""
+    if ElementTree.parse(path).getroot().tag != "mujoco":
+        return ""
+    model, data, order, torque = _mujoco_torque(path, robot)
+    by_actuator = model.jnt_actgravcomp[model.dof_jntid[order]].astype(bool)
+    largest = dict.fromkeys(BESIDE_BODIES, 0.0)
+    for state in zip(*states, strict=True):
+        torque(*state)
+        for name in largest:
+            force = np.where(by_actuator & (name == "qfrc_gravcomp"), 0.0, getattr(data, name)[order])
+            largest[name] = max(largest[name], float(np.abs(force).max()))
+    found = [BESIDE_BODIES[name] for name, value in largest.items() if value > least]
+    return f"the file also has {' and '.join(found)}. Take them out of a copy." if found else ""
+
+
 def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
+    return _mujoco_torque(path, robot)[-1]
+
+
+def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray, InverseDynamics]:
+    """MuJoCo's model and data, which degrees of freedom the robot's joints are, and the inverse dynamics."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -188,7 +217,7 @@ def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
         mujoco.mj_inverse(model, data)
         return np.asarray(data.qfrc_inverse[order] + friction[order] * np.sign(dq), dtype=np.float64)
 
-    return torque
+    return model, data, order, torque
 
 
 def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:

@@ -16,6 +16,7 @@ from daemon.jobs.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
 from identification.audit.difference import Difference, Number
 from identification.base_parameters import BaseRegressor
+from identification.errors import RobotError
 from identification.export.write import export_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
@@ -101,6 +102,31 @@ def test_a_model_of_another_arm_has_no_line_and_says_why(
     text = capsys.readouterr().out
     assert "lengths or gravity are others" in text
     assert text.index("true.urdf") < text.index("long.urdf")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('<joint name="A2"', '<joint name="A2" stiffness="20"', "the file also has springs (stiffness)"),
+        (
+            '<body name="link_7"',
+            '<body name="link_7" gravcomp="1"',
+            "the file also has gravity compensation (gravcomp)",
+        ),
+        ("</worldbody>", '</worldbody><equality><joint joint1="A1"/></equality>', "constraints (equality)"),
+    ],
+)
+def test_an_mjcf_with_forces_that_no_body_has_is_refused_for_these(
+    old: str, new: str, reason: str, folder: Path, tmp_path: Path
+) -> None:
+    """Its kinematics was said to be another; the same file without that force is read."""
+    text = (folder / "true.xml").read_text()
+    assert old in text
+    (tmp_path / "more.xml").write_text(text.replace(old, new))
+    with pytest.raises(RobotError) as refused:
+        read_simulator_model(tmp_path / "more.xml", BaseRegressor(load_robot("iiwa14")))
+    assert reason in str(refused.value)
+    assert "zero positions" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
