@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from identification.arrays import FloatArray
+from identification.audit.audit import STILL_ITS_OWN
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, PARTS
@@ -78,7 +79,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
 
     In the flange's frame where the robot has one on its last link, else in that link's.
     Raises RecordingError for recordings at rest or too short, for one that is given twice and for one whose torque has
-    the wrong sign, EstimationError where no load can be seen or it is beyond reason.
+    the wrong sign, EstimationError where no load can be seen, it is beyond reason, or one does not describe them.
     """
     refuse_followers(robot, "weigh a load on")
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
@@ -90,7 +91,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     factor, width = _prior(sizes, robot.n)
-    estimate, products, weight, rms = _fitted(runs, columns, factor, np.maximum(0.1 * sizes.torque, 1e-9))
+    estimate, products, weight, rms, bare = _fitted(runs, columns, factor, np.maximum(0.1 * sizes.torque, 1e-9))
     own = slice(PARAMETERS * robot.n, PARAMETERS * robot.n + INERTIAL)
     without_one = np.array(
         [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
@@ -102,6 +103,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
+    _refuse_undescribed(bare, float(np.linalg.norm(rms[1])), robot.torque_unit)
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -110,6 +112,21 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     seconds = min(sum(item.duration_s for item in side) for side in (without, with_load))
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
     return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds)
+
+
+def _refuse_undescribed(without: float, with_load: float, unit: str) -> None:
+    """One arm and one load leave of either side what they leave of the other: noise and friction are alike.
+
+    without, with_load: what stays, RMS of all joints together.
+    """
+    if max(without, with_load) < STILL_ITS_OWN * min(without, with_load):
+        return
+    side, most, least = ("with", with_load, without) if with_load > without else ("without", without, with_load)
+    raise EstimationError(
+        f"One load does not describe the recordings {side} the tool: {most:.3g} {unit} RMS stay of them (all joints "
+        f"together), and {least:.3g} {unit} of the others. Something changed while they were recorded, such as a tool "
+        "picked up or put down, or the two sides are of different arms. Record them again."
+    )
 
 
 def _refuse_turned(recordings: Sequence[Recording], robot: RobotModel) -> None:
@@ -191,9 +208,11 @@ def _prior(sizes: Sizes, n: int) -> tuple[FloatArray, float]:
 
 
 def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatArray, std: FloatArray) -> tuple[
-    Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]]
+    Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]], float
 ]:  # fmt: skip
-    """The estimate weighted by what it leaves itself, its products and weights (n,), and the loaded runs' RMS."""
+    """The estimate weighted by what it leaves itself, its products and weights (n,), the loaded runs' RMS without and
+    with the body, and what stays of the others, all joints together.
+    """
     torque, used, before, block = (
         np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
     )
@@ -208,12 +227,13 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
         colour = replace(colour, std=np.maximum(colour.std, 1e-9))
     own = slice(factor.shape[0] - 3 * len(std) - INERTIAL, factor.shape[0] - 3 * len(std))
     body = columns[1][..., own] @ estimate.values[own]
-    loaded, stays = runs[1].used, left[len(runs[0].used) :]
-    rms = [
-        tuple(float(v) for v in np.sqrt((item**2).sum(axis=0) / np.maximum(loaded.sum(axis=0), 1)))
-        for item in (np.where(loaded, stays + body, 0.0), stays)
-    ]
-    return estimate, products, weight, (rms[0], rms[1])
+    count, loaded = len(runs[0].used), runs[1].used
+    sides = ((left[:count], runs[0].used), (np.where(loaded, left[count:] + body, 0.0), loaded), (left[count:], loaded))
+    bare, *rms = (
+        tuple(float(v) for v in np.sqrt((item**2).sum(axis=0) / np.maximum(rows.sum(axis=0), 1)))
+        for item, rows in sides
+    )
+    return estimate, products, weight, (rms[0], rms[1]), float(np.linalg.norm(bare))
 
 
 def _physical(body: FloatArray, flange: Flange) -> FloatArray:

@@ -66,6 +66,20 @@ def test_a_tool_is_weighed_within_one_per_cent_and_its_centre_within_two_millime
     np.testing.assert_allclose([item.value for item in found.center], center, atol=0.002)
 
 
+@pytest.mark.parametrize("side", ["with", "without"])
+def test_a_tool_picked_up_while_one_side_was_recorded_is_refused(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], side: str
+) -> None:
+    """Half of the mass was weighed, with an interval that did not hold the tool's."""
+    body = body_of(2.5, (0.0, 0.0, 0.06))
+    bare, tool, before, after = recorded(None, 1), recorded(body, 2), recorded(None, 3), recorded(body, 4)
+    held = np.arange(len(tool.torque)) >= len(tool.torque) // 2
+    changed = replace(before, torque=np.where(held[:, None], after.torque, before.torque))
+    with pytest.raises(EstimationError, match=f"does not describe the recordings {side} the tool") as refused:
+        weigh(iiwa14, *(([bare], [changed]) if side == "with" else ([changed], [tool])))
+    assert "Something changed while they were recorded" in str(refused.value)
+
+
 def test_the_intervals_hold_as_often_as_they_say(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
     generator = np.random.default_rng(20261122)
     held, squares = [], []
