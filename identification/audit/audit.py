@@ -83,15 +83,19 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
         recordings, what = clock
         read_otherwise.append(what)
     given = _prepared(recordings, robot, model, called)
-    other = misread_order(given.geometry, given.set_up, given.model)
-    if other is not None:
-        order, what = other
-        read_otherwise.append(what)
-        recordings = [replace(each, torque=each.torque[:, order]) for each in recordings]
-        given = replace(given, geometry=Geometry(robot, given.geometry.rows.in_order(order)))
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
+    other = misread_order(given.geometry, given.set_up, given.model)
+    if other is not None:
+        order, what = other
+        instead = replace(given, geometry=Geometry(robot, given.geometry.rows.in_order(order)))
+        again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
+        # On a base that is turned, a torque can be nearer to what the model expects of another joint.
+        if _nats(again, found) >= LEAST_GAIN:
+            found, given = again, instead
+            read_otherwise.append(what)
+            recordings = [replace(each, torque=each.torque[:, order]) for each in recordings]
     if _differs(found, given):
         found, given, moved = _as_it_shows(found, given, recordings)
         read_otherwise.extend(moved)

@@ -93,6 +93,8 @@ def rubbing(joint: int, name: str, by: float) -> dict[str, Any]:
         (heavier(3.0, 4), [("payload", 4), ("link_parameters", 4)], None),
         ({"gravity_m_s2": (9.81 * np.sin(EIGHT), 0.0, -9.81 * np.cos(EIGHT))}, [("base_tilt", None)], EIGHT),
         ({"gravity_m_s2": (9.81 * np.sin(NINETY), 0.0, -9.81 * np.cos(NINETY))}, [("base_tilt", None)], NINETY),
+        # What the model expects of joints 1 and 2 is then nearer to each other's torque than to their own.
+        ({"gravity_m_s2": (0.0, 9.81, 0.0)}, [("base_tilt", None)], NINETY),
         (rubbing(2, "viscous", 4.0), [("friction_change", 2)], 4.0),
         (rubbing(2, "coulomb", 1.0), [("friction_change", 2)], 1.0),
         ({"torque_late_s": 0.02}, [("torque_delay", None)], 0.02),
