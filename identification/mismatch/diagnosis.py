@@ -32,7 +32,7 @@ from identification.mismatch.changes.repeated_contact import (
     misfit_elsewhere,
 )
 from identification.mismatch.claims import Claims, build_findings
-from identification.mismatch.data_faults.faults import find_data_faults, stops_physics, upright
+from identification.mismatch.data_faults.faults import stops_physics, upright
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.extended_model import rms_with_findings
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
@@ -56,6 +56,7 @@ from identification.mismatch.search.search import SearchResult, search
 from identification.mismatch.search.trial import Trial
 from identification.mismatch.search.trial import fitted as fitted_again
 from identification.mismatch.second_encoder import compare_encoders
+from identification.mismatch.set_up import data_faults_of
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
@@ -191,7 +192,7 @@ def _examined(
     """The recordings with the faults of their data found and, where that can be done, put right; fitted after that."""
     fit = nominal_fit(recordings, robot, settings)
     report("data", 0.05)
-    faults = find_data_faults([*recordings, *heldout], BaseRegressor(robot) if fit is None else fit.regressor)
+    faults = data_faults_of([*recordings, *heldout], robot, BaseRegressor(robot) if fit is None else fit.regressor)
     turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]
     count = len(recordings)
     to_fit = turned[:count]

@@ -20,10 +20,10 @@ from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import turned_joint
 from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.errors import RecordingError
 from identification.fitting.result import FitResult
 from identification.load_data import unknown_load
 from identification.mismatch.data_faults.faults import clock_in_doubt, find_data_faults, upright
-from identification.mismatch.data_faults.torque_signs import signs_of
 from identification.mismatch.findings import DataFault
 from identification.mismatch.nominal import nominal_fit
 from identification.mismatch.settings import DiagnosisSettings
@@ -69,10 +69,32 @@ def examine_set_up(recordings: Sequence[Recording], robot: RobotModel) -> tuple[
     """Every check of some recordings of one robot. Raises RecordingError for those that are too short or at rest."""
     fit = nominal_fit(recordings, robot, DiagnosisSettings())
     regressor = BaseRegressor(robot) if fit is None else fit.regressor
-    faults = find_data_faults(recordings, regressor)
+    faults = data_faults_of(recordings, robot, regressor)
     checks = set_up_checks(recordings, robot, [fault for own in faults for fault in own], _delay(fit))
     doubt = _clock_in_doubt([upright(*each) for each in zip(recordings, faults, strict=True)], regressor)
     return tuple(doubt if doubt and (each.name, each.status) == ("clock", "ok") else each for each in checks)
+
+
+def data_faults_of(
+    recordings: Sequence[Recording], robot: RobotModel, regressor: BaseRegressor
+) -> tuple[tuple[DataFault, ...], ...]:
+    """As `find_data_faults`; under the gravity that the recordings show where signs seem wrong under the stated one."""
+
+    def turned(faults: Sequence[Sequence[DataFault]]) -> bool:
+        return any(fault.fault == "inverted_torque_sign" for own in faults for fault in own)
+
+    found = find_data_faults(recordings, regressor)
+    if not turned(found):
+        return found
+    try:
+        stand = mounting_of(recordings, robot)
+    except RecordingError:  # too short to tell
+        return found
+    if stand is None or not stand.is_other:
+        return found
+    options = RegressorOptions(rotor_inertia=True, offset=True)
+    there = find_data_faults(recordings, BaseRegressor(replace(robot, gravity=stand.gravity), options))
+    return found if turned(there) else there
 
 
 def set_up_checks(
@@ -91,26 +113,10 @@ def set_up_checks(
         *_damaged_files(recordings),
     )
     if order.status != "failed":
-        return _signs_where_it_stands(checks, recordings, robot, stand)
+        return checks
     return tuple(
         UNKNOWN_SIGNS if (item.name, item.status) == (UNKNOWN_SIGNS.name, "failed") else item for item in checks
     )
-
-
-def _signs_where_it_stands(
-    checks: tuple[SetUpCheck, ...], recordings: Sequence[Recording], robot: RobotModel, stand: Mounting | None
-) -> tuple[SetUpCheck, ...]:
-    """With signs that only seem wrong under the gravity that is stated, where the recordings show another one."""
-    signs = next(item for item in checks if item.name == UNKNOWN_SIGNS.name)
-    if signs.status != "failed" or stand is None or not stand.is_other:
-        return checks
-    there = BaseRegressor(replace(robot, gravity=stand.gravity), RegressorOptions(rotor_inertia=True, offset=True))
-    if (signs_of(recordings, there) < 0.0).any():
-        return checks
-    well = SetUpCheck(
-        signs.name, "ok", "Every torque sensor has the sign of the arm's own inertia, under the gravity found."
-    )
-    return tuple(well if item is signs else item for item in checks)
 
 
 def _places(

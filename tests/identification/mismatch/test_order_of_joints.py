@@ -13,8 +13,9 @@ import pytest
 
 from identification.audit.exchange import exchanged_positions
 from identification.audit.mount import require_stated_stand
+from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
-from identification.mismatch.set_up import examine_set_up
+from identification.mismatch.set_up import data_faults_of, examine_set_up
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
@@ -96,7 +97,8 @@ def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them(
 def test_signs_are_asked_under_the_gravity_that_the_recording_shows() -> None:
     """The LBR Med 7 stands level. Said to hang on a wall, two of its sensors seemed to have the wrong sign as well."""
     recording, robot = measured("lbrmed7.npz")
-    found = {
-        each.name: each for each in examine_set_up([recording], replace(robot, gravity=np.array([9.81, 0.0, 0.0])))
-    }
+    on_a_wall = replace(robot, gravity=np.array([9.81, 0.0, 0.0]))
+    found = {each.name: each for each in examine_set_up([recording], on_a_wall)}
     assert (found["gravity"].status, found["torque signs"].status) == ("failed", "ok")
+    # With a model it is diagnosed all the same, and turned torques would go into every fit.
+    assert data_faults_of([recording], on_a_wall, BaseRegressor(on_a_wall)) == ((),)
