@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -171,7 +171,15 @@ def executor_of(scheduler: str | None, jobs: int | None) -> Iterator[Executor]:
     """
     if scheduler is None:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            yield pool
+            before = active_children()
+            try:
+                yield pool
+            except BaseException:
+                # Interrupted: a pool would first do all that waits. Without its processes it is broken.
+                for process in active_children():
+                    if process not in before:
+                        process.kill()
+                raise
         return
     try:
         import distributed

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
+import time
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -218,6 +219,19 @@ def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_p
     assert (tmp_path / "out" / "fitted" / "model.json").is_file()
     assert str(tmp_path / "out" / "fitted" / "report.html") in second.files
     assert len(second.rms_nm) == len(second.noise_floor_nm) == 7
+
+
+def test_an_interrupted_batch_does_not_do_what_waits() -> None:
+    waiting: list[Future[None]] = []
+
+    def interrupted() -> None:
+        with executor_of(None, jobs=1) as executor:
+            waiting.extend(executor.submit(time.sleep, 0.1) for _ in range(30))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert isinstance(waiting[-1].exception(), BrokenExecutor)
 
 
 def test_results_are_named_after_the_runs_and_not_after_a_name_that_all_logs_have() -> None:
