@@ -85,11 +85,12 @@ def run_item(
         if task == "diagnose":
             found = diagnose_recordings([recording], unseen, inputs.robot, out)
             diagnosis = found.diagnosis
-            left = diagnosis.rms_after_nm if diagnosis.findings else diagnosis.baseline.rms_nm
+            baseline = diagnosis.baseline
+            left = diagnosis.rms_after_nm if diagnosis.findings else baseline.rms_nm
+            noise = json_list(baseline.noise_floor_nm) if baseline.noise_is_measured else [None] * left.size
             return BatchItem(
                 file, 0, diagnosis_in_a_line(diagnosis), tuple(map(str, found.files)), out.name,
-                tuple(json_list(left)), tuple(json_list(diagnosis.baseline.noise_floor_nm)), tone_of(diagnosis),
-                inputs.robot.units,
+                tuple(json_list(left)), tuple(noise), tone_of(diagnosis), inputs.robot.units,
             )  # fmt: skip
         result = fit_recordings([recording], inputs.robot)
         model, target, page = result.to_model_json(), out / "model.json", out / "report.html"

@@ -140,11 +140,14 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
     ]
     if not diagnosis.findings:
         rows = [row for row in rows if "with the findings" not in row[0]]
+    measured = diagnosis.baseline.noise_is_measured
+    if not measured:
+        rows = [row for row in rows if "noise" not in row[0] and "interval" not in row[0]]
     return Section(
         "heldout",
         "Does it hold on another recording?",
         (
-            Paragraph(_heldout_sentence(heldout, bool(diagnosis.findings)), "lead"),
+            Paragraph(_heldout_sentence(heldout, bool(diagnosis.findings), measured), "lead"),
             Paragraph("All parameters come from the fitted recordings only; this motion was not used.", "note"),
             Table(
                 "Held-out recordings: RMS of measured minus modelled torque by joint, compared band, Nm",
@@ -155,8 +158,16 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
     )
 
 
-def _heldout_sentence(heldout: HeldOut, added: bool) -> str:
-    """The joint whose torque changes most, in RMS beside the noise; added: whether the model has findings at all."""
+def _heldout_sentence(heldout: HeldOut, added: bool, measured: bool) -> str:
+    """The joint whose torque changes most, in RMS beside the noise; added: whether the model has findings at all.
+
+    measured: whether the noise is known; it stands in no sentence otherwise.
+    """
+    if not added and not measured:
+        least, most = (
+            rounded(float(value)) for value in (np.nanmin(heldout.rms_before_nm), np.nanmax(heldout.rms_before_nm))
+        )
+        return f"On a motion that was not fitted, the model leaves {least} to {most} Nm RMS, by joint."
     if not added:
         times = heldout.rms_before_nm / heldout.noise_floor_nm
         return (
@@ -165,17 +176,15 @@ def _heldout_sentence(heldout: HeldOut, added: bool) -> str:
         )
     change = heldout.rms_before_nm - heldout.rms_after_nm
     joint = int(np.nanargmax(np.abs(change)))
-    if abs(change[joint]) < _NOTABLE * heldout.noise_floor_nm[joint]:
+    if measured and abs(change[joint]) < _NOTABLE * heldout.noise_floor_nm[joint]:
         return "The findings change the torque of a motion that was not fitted by less than 2 % of its noise."
     before, after, noise = (
         rounded(float(values[joint]))
         for values in (heldout.rms_before_nm, heldout.rms_after_nm, heldout.noise_floor_nm)
     )
     verb = "falls" if change[joint] > 0.0 else "RISES"
-    return (
-        f"On a motion that was not fitted, the RMS of joint {joint + 1} {verb} from {before} to {after} Nm; "
-        f"the noise alone would give {noise} Nm."
-    )
+    beside = f"; the noise alone would give {noise} Nm" if measured else ""
+    return f"On a motion that was not fitted, the RMS of joint {joint + 1} {verb} from {before} to {after} Nm{beside}."
 
 
 def _shift(diagnosis: Diagnosis) -> Section | None:

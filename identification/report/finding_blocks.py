@@ -122,8 +122,10 @@ def _finding_figure(finding: Finding, diagnosis: Diagnosis) -> Figure | None:
         for spectrum in diagnosis.spectra[:1]:
             lines: list[tuple[Style, FloatArray]] = [("before", spectrum.before), ("after", spectrum.after)]
             title = f"Joint {joint} over frequency"
-            panels.append(spectrum_panel(joint - 1, spectrum.frequency, lines, spectrum.noise, title))
-            legend.append(("noise", "noise"))
+            noise = spectrum.noise if diagnosis.baseline.noise_is_measured else None
+            panels.append(spectrum_panel(joint - 1, spectrum.frequency, lines, noise, title))
+            if noise is not None:
+                legend.append(("noise", "noise"))
         panels += [_heldout_panel(series, joint) for series in diagnosis.heldout_series[:1]]
     if not panels:
         return None

@@ -61,17 +61,19 @@ def stretches_of_fit(fit: FitResult, most: int) -> tuple[Stretch, ...]:
 
 def stretches_of_diagnosis(diagnosis: Diagnosis, names: tuple[str, ...]) -> tuple[Stretch, ...]:
     """The fitted stretches of a diagnosis with the residual that its findings leave."""
-    floor = diagnosis.baseline.noise_floor_nm
+    baseline = diagnosis.baseline
+    known = baseline.noise_is_measured
+    floor = baseline.noise_floor_nm if known else np.full_like(baseline.noise_floor_nm, np.nan)
     return tuple(
-        _of_series(names[index] if index < len(names) else f"stretch {index + 1}", series, spectrum, floor)
+        _of_series(names[index] if index < len(names) else f"stretch {index + 1}", series, spectrum, floor, known)
         for index, (series, spectrum) in enumerate(zip(diagnosis.series, diagnosis.spectra, strict=False))
     )
 
 
-def _of_series(name: str, series: TimeSeries, spectrum: Spectrum, floor: FloatArray) -> Stretch:
+def _of_series(name: str, series: TimeSeries, spectrum: Spectrum, floor: FloatArray, known: bool) -> Stretch:
     return Stretch(
         name, series.time, series.position, series.velocity, series.time, series.after, series.measured, floor,
-        spectrum.frequency, spectrum.after, spectrum.noise,
+        spectrum.frequency, spectrum.after, spectrum.noise if known else None,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ import pytest
 from daemon.api import RunRequest
 from daemon.cli.diagnosis import finding_lines
 from daemon.errors import ConfigurationError
-from daemon.jobs.batch import BatchItem, diagnosis_in_a_line, executor_of, folder_names, run_batch
+from daemon.jobs.batch import BatchItem, diagnosis_in_a_line, executor_of, folder_names, run_batch, run_item
 from daemon.jobs.batch_summary import write_summary
 from fixtures.physics import iiwa14_table_three
 from identification.base_parameters import BaseRegressor
@@ -219,6 +219,18 @@ def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_p
     assert (tmp_path / "out" / "fitted" / "model.json").is_file()
     assert str(tmp_path / "out" / "fitted" / "report.html") in second.files
     assert len(second.rms_nm) == len(second.noise_floor_nm) == 7
+
+
+def test_a_batch_states_no_noise_that_was_not_measured(
+    logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    baseline = SimpleNamespace(rms_nm=np.ones(7), noise_floor_nm=np.full(7, 0.1), noise_is_measured=False)
+    found = SimpleNamespace(verdict="undecided", findings=(), data_faults=(), baseline=baseline)
+    monkeypatch.setattr(
+        "daemon.jobs.diagnosis.diagnose_recordings", lambda *_: SimpleNamespace(diagnosis=found, files=())
+    )
+    item = run_item("diagnose", str(logs[0]), str(tmp_path / "out"), None, ())
+    assert (item.rms_nm, item.noise_floor_nm) == ((1.0,) * 7, (None,) * 7)
 
 
 def test_an_interrupted_batch_does_not_do_what_waits() -> None:

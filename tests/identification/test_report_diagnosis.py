@@ -203,6 +203,20 @@ def test_without_findings_nothing_is_said_about_them() -> None:
     assert not [row for row in table(found["heldout"], "Held-out") if "findings" in row]
 
 
+@pytest.mark.parametrize("found", [(finding(),), ()])
+def test_noise_that_was_not_measured_stands_in_no_figure_and_no_table(found: tuple[Finding, ...]) -> None:
+    """Without periods the floor is a weight: a tenth of the misfit, and no one's noise."""
+    case = diagnosis(findings=found, verdict="unexplained")
+    sections = sections_of(replace(case, baseline=replace(case.baseline, noise_is_measured=False)))
+    assert "noise" not in texts(sections["heldout"], "lead")[0]
+    assert not [row for row in table(sections["heldout"], "Held-out") if "noise" in row]
+    figures = [block for section in sections.values() for block in section.blocks if isinstance(block, Figure)]
+    assert figures
+    assert not [text for figure in figures for style, text in figure.legend if style in ("noise", "floor")]
+    floors = [panel.floor for figure in figures for panel in figure.panels if panel.floor is not None]
+    assert not np.isfinite(floors).any()
+
+
 def test_only_parameters_that_move_are_listed_and_the_others_counted() -> None:
     section = sections_of(diagnosis())["shift"]
     assert table(section, "move") == {"FS_2": ("0.310", "0.110", "0.010", "20", "Nm")}
