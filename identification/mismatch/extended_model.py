@@ -17,6 +17,7 @@ from identification.errors import IdentificationError
 from identification.fitting.processing import process
 from identification.fitting.result import FitResult
 from identification.fitting.rms import rms_of_rows
+from identification.json_values import json_list
 from identification.mismatch.claims import Claims
 from identification.mismatch.data_faults.faults import upright
 from identification.mismatch.findings import Diagnosis, Finding
@@ -57,7 +58,12 @@ def extended_model(
             faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
             turned, band = upright(recording, faults), settings.low_pass_hz
             remaining.append(_without_findings(turned, diagnosis.findings, regressor, values, band, terms))
-        model = fit_recordings(remaining, robot, settings, progress=progress).to_model_json()
+        fit = fit_recordings(remaining, robot, settings, progress=progress)
+        model = fit.to_model_json()
+        rms = {**model["rms_nm"], **extended["rms_nm"]}
+        if terms is not None:
+            # The classes were chosen on rows of the diagnosis, which are not those of a fit.
+            rms["fit"] = json_list(_rms_left(remaining, fit, values))
     except IdentificationError as error:
         note = f"Base parameters only: {error}"
         return {**extended, **robot.to_json(), "provenance": {**extended["provenance"], "notes": [note]}}
@@ -69,7 +75,7 @@ def extended_model(
         ),
         "effects": extended["effects"],
         **({} if terms is None else {"class_terms": terms}),
-        "rms_nm": {**model["rms_nm"], **extended["rms_nm"]},
+        "rms_nm": rms,
         "provenance": {**model["provenance"], "diagnosis": extended["provenance"]},
     }
 
@@ -89,7 +95,12 @@ def rms_with_findings(
         return after_findings(nominal.rms_nm, plain.rms_nm, claims.after.rms_nm)
     values, band = claims.extension.base[: nominal.regressor.size], fit.settings.low_pass_hz
     left = [_without_findings(item, claims.findings, fit.regressor, values, band) for item in recordings]
-    stretches = [part for item in left for part in process(item, fit.robot, fit.settings).stretches]
+    return _rms_left(left, fit, values)
+
+
+def _rms_left(recordings: Sequence[Recording], fit: FitResult, values: FloatArray) -> FloatArray:
+    """(n,) RMS in Nm that base parameters (p,) leave of recordings, on the samples of a fit to them."""
+    stretches = [part for item in recordings for part in process(item, fit.robot, fit.settings).stretches]
     return rms_of_rows(torque_left(stretches, fit.regressor, [values], fit.torque_shift)[0])
 
 

@@ -229,6 +229,10 @@ def test_torque_without_a_name_is_part_of_the_model_that_validate_reads(
     assert with_terms[2] < 0.3 * without[2]
     noise = NOISE_NM / np.sqrt(4.0)
     assert with_terms == pytest.approx(np.full(7, noise), rel=0.2)
+    # The figure that stands with the model is of the same rows: the noise of all frequencies.
+    own = validate_with_effects(read_model(tmp_path / "with.json"), [fitted]).rows[0]
+    assert data["rms_nm"]["fit"] == pytest.approx(own.rms_nm, rel=1e-9)
+    assert own.rms_nm == pytest.approx(own.noise_floor_nm, rel=0.2)
 
 
 def test_terms_of_another_arm_are_refused(humped: Diagnosis, clean_evidence: Evidence) -> None:
