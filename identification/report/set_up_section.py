@@ -27,9 +27,8 @@ def set_up_section(audit: Audit | None, checks: Sequence[SetUpCheck], *, between
             blocks.append(Table(f"What differs between {audit.source} and {others}", head, rows))
     if checks:
         rows = tuple((item.name, _VERDICTS[item.status], item.sentence) for item in checks)
-        blocks.append(
-            Table("How the fitted recordings were made, asked without any model", ("check", "verdict", "found"), rows)
-        )
+        caption = "How the fitted recordings were made, asked without any model"
+        blocks.append(Table(caption, ("check", "verdict", "found"), rows, "words"))
     return Section("set-up", "The set-up", tuple(blocks)) if blocks else None
 
 

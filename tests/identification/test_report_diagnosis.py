@@ -271,6 +271,8 @@ def test_the_page_has_the_set_up_with_each_difference_and_verdict() -> None:
     assert differences.rows == (("payload", "link 6", "2.80", "0.11", "kg", "97 %", "model"),)
     assert isinstance(verdicts, Table)
     assert [row[:2] for row in verdicts.rows] == [("gravity", "as stated"), ("clock", "not as stated")]
+    # Numbers stand in one line, at the right: sentences so were outside a narrow window, and of a printed page.
+    assert verdicts.kind == "words"
     assert set_up_section(None, ()) is None
     # Held-out recordings against the fitted ones: "these" would be the wrong ones.
     between = sections_of(diagnosis(audit=audit))["set-up"]
