@@ -26,6 +26,7 @@ from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
 from identification.mismatch.data_faults.torque_signs import signs_of
+from identification.mismatch.settings import CAPTURE
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
 from identification.recordings.recording import Recording
@@ -103,7 +104,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
-    _refuse_undescribed(bare, float(np.linalg.norm(rms[1])), robot.torque_unit)
+    _refuse_undescribed(bare, float(np.linalg.norm(rms[1])), float(np.linalg.norm(rms[0])), robot.torque_unit)
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -114,12 +115,13 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds)
 
 
-def _refuse_undescribed(without: float, with_load: float, unit: str) -> None:
+def _refuse_undescribed(without: float, with_load: float, load: float, unit: str) -> None:
     """One arm and one load leave of either side what they leave of the other: noise and friction are alike.
 
-    without, with_load: what stays, RMS of all joints together.
+    without, with_load: what stays, RMS of all joints together. load: the same with the load left out, of which little
+    may be something else.
     """
-    if max(without, with_load) < STILL_ITS_OWN * min(without, with_load):
+    if max(without, with_load) < max(STILL_ITS_OWN * min(without, with_load), CAPTURE * load):
         return
     side, most, least = ("with", with_load, without) if with_load > without else ("without", without, with_load)
     raise EstimationError(

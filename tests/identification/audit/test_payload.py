@@ -168,3 +168,14 @@ def test_no_load_is_weighed_with_a_torque_of_the_wrong_sign(
     runs[loaded] = replace(runs[loaded], torque=sign * runs[loaded].torque)
     with pytest.raises(RecordingError, match="every joint turned" if len(turned) > 1 else "joint 5 turned"):
         weighed(iiwa14, *runs)
+
+
+def test_one_side_with_more_noise_is_weighed_where_the_load_is_far_larger(
+    iiwa14: RobotModel, recorded: Callable[..., Recording]
+) -> None:
+    bare, loaded = recorded(None, 1), recorded(body_of(3.0, (0.0, 0.0, 0.1)), 2)
+    noise = coloured_noise(bare.torque.shape, deviation=NOISE_NM, correlation=0.5, seed=1)
+    exact, noisy = replace(bare, torque=bare.torque - noise), replace(loaded, torque=loaded.torque + 10.0 * noise)
+    found = weighed(iiwa14, exact, noisy)
+    low, high = found.mass.interval
+    assert low < 3.0 < high
