@@ -186,5 +186,6 @@ def test_a_loop_killed_after_its_periods_has_driven_them() -> None:
         while client.ring.status.phase < MotionPhase.STOP_RAMP:
             robot.exchange(ACTIVE)
         report = loop_report_without_loop(client.ring, -9, "")
+        robot.until_done(client)
     assert report.outcome == "fault"
     assert report.periods_completed == 2
