@@ -82,10 +82,10 @@ def least_square(model: GivenModel, expected: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.isfinite(model.left), stated, 0.01 * expected.var(axis=0)) + 1e-12)
 
 
-def _drive(rows: Rows, model: GivenModel, joint: int) -> FloatArray:
-    """(R, k) what a torque under a joint (from 0) is compared beside: a constant, and a drawn model's friction."""
+def _drive(rows: Rows, joint: int, *, friction: bool) -> FloatArray:
+    """(R, k) what a torque under a joint (from 0) is compared beside: a constant, and friction that nobody knows."""
     constant = np.ones(len(rows.block))
-    if model.own:
+    if not friction:
         return constant[:, None]
     return np.column_stack([constant, rows.velocity[:, joint], rows.direction[:, joint]])
 
@@ -94,8 +94,7 @@ def beside_friction(rows: Rows, values: FloatArray) -> FloatArray:
     """(R, n) torque less what friction and offset of each joint take of it on the rows where all are used."""
     used, result = rows.used.all(axis=1), values.copy()
     for joint in range(values.shape[1]):
-        columns = np.column_stack([np.ones(len(values)), rows.velocity[:, joint], rows.direction[:, joint]])
-        result[used, joint] = _beside(columns[used], values[used, joint])
+        result[used, joint] = _beside(_drive(rows, joint, friction=True)[used], values[used, joint])
     return result
 
 
@@ -116,7 +115,7 @@ def misread_order(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple
         return None
     used = rows.used.all(axis=1)
     expected = (geometry.columns(set_up.gravity) @ model.values)[used]
-    own = [_drive(rows, model, joint)[used] for joint in range(n)]
+    own = [_drive(rows, joint, friction=not model.own)[used] for joint in range(n)]
     # Row j: what is left of every torque, and of what the model expects of joint j, under that joint.
     measured = np.stack([_beside(columns, rows.torque[used]) for columns in own], axis=1)
     expected = np.stack([_beside(columns, expected[:, joint]) for joint, columns in enumerate(own)], axis=1)

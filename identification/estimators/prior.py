@@ -41,6 +41,8 @@ _FINEST = 1e-5
 """Of what the prior leaves open of a base parameter, the share that its σ is never below: what exact data would weigh
 against the prior is more than a program in double precision can hold."""
 _COVARIANCE_FLOOR = 1e-12
+_GAP = 1e-10
+"""Of the cost, to which the program is solved: the cost is flat at its minimum, so x is known to the root of it."""
 _PRIOR_WEIGHT = 0.1
 """Of the divergence: the mass of one body is taken to be known to a factor of about four."""
 _BASIS = pseudo_inertia(np.eye(INERTIAL_COUNT))
@@ -270,6 +272,7 @@ class _Program:
             cones.append(clarabel.ExponentialConeT())
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_threads = False, 1
+        settings.tol_gap_abs = settings.tol_gap_rel = _GAP
         solution = clarabel.DefaultSolver(
             scipy.sparse.diags_array(quadratic).tocsc(), linear, scipy.sparse.csc_matrix(np.vstack(blocks)),
             np.concatenate(bounds), cones, settings,
