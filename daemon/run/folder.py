@@ -22,6 +22,7 @@ from daemon.log.cdr import JOINT_NAMES
 from daemon.log.parts import RECORDING_NAME, state_of_recording
 from daemon.run.log_inputs import DESCRIPTION_NAME
 from daemon.run.loop_process import bind
+from daemon.run.spare_folder import set_earlier_aside
 from fri_client.loop.channel import UdpChannel
 from identification.export.kinematic_urdf import kinematic_urdf
 from identification.robots import BUILT_IN_ROBOTS, load_robot
@@ -65,6 +66,7 @@ def prepare_folder(request: RunRequest) -> RunRequest:
             urdf = kinematic_urdf(load_robot(request.robot), joint_names=JOINT_NAMES)
             (folder / DESCRIPTION_NAME).write_text(urdf, encoding="utf-8")
         resolved = msgspec.structs.replace(request, **changes)
+        set_earlier_aside(resolved)
         write_json(folder / "request.json", resolved)
     except OSError as error:
         raise LogIOError(str(folder), error) from error

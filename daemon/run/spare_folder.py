@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import itertools
 import os
 import re
 import stat
@@ -36,6 +37,22 @@ def spare_folder(request: RunRequest) -> Path:
     if not _is_ours(found):
         raise LogIOError(str(folder), OSError(errno.EPERM, "is not a private folder of this user"))
     return folder
+
+
+def set_earlier_aside(request: RunRequest) -> None:
+    """Rename what an earlier run of the same name and folder left in its spare folder: it is not this run's.
+
+    Nothing is deleted. Raises LogIOError.
+    """
+    earlier = _spare_path(request)
+    if not earlier.exists():
+        return
+    names = (earlier.with_name(f"{earlier.name}-earlier-{number}") for number in itertools.count(1))
+    aside = next(place for place in names if not place.exists())
+    try:
+        earlier.rename(aside)
+    except OSError as error:
+        raise LogIOError(str(earlier), error) from error
 
 
 def write_run_file(request: RunRequest, name: str, value: Any) -> Path:

@@ -6,18 +6,20 @@ Truth: the indexes this test pushed, read back by rosbags. Whole runs with real 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from daemon.api import LoopReport, RunOutcome
+from daemon.api import RUN_NAME, LoopReport, RunOutcome
 from daemon.errors import LogIOError
 from daemon.json_files import read_json
 from daemon.log.parts import state_of_recording
 from daemon.log.stream import PatientFile, is_being_written
 from daemon.run.account import leave_outcome
+from daemon.run.folder import prepare_folder
 from daemon.run.outcome import loop_report_without_loop
 from daemon.run.recorder import Recorder
 from daemon.run.rescue import rescue_if_abandoned
@@ -113,6 +115,17 @@ def test_small_files_go_to_the_spare_folder_and_are_found_there(tmp_path: Path) 
     file = write_run_file(request, "loop_report.json", {"a": 1})
     assert find_run_file(request, "loop_report.json") == file
     assert file.read_bytes() == b'{"a":1}'
+
+
+def test_what_an_earlier_run_of_the_same_name_left_there_is_kept_and_not_taken_for_this_runs(
+    tmp_path: Path, own_temporary_folder: Path
+) -> None:
+    for _ in range(2):
+        request = prepare_folder(make_request(tmp_path / "in", out_dir=str(tmp_path / "run")))
+        assert find_run_file(request, RUN_NAME) == tmp_path / "run" / RUN_NAME
+        shutil.rmtree(tmp_path / "run")  # as an operator clears a disk that was full
+        write_run_file(request, RUN_NAME, {"run": 1})
+    assert len(list(own_temporary_folder.rglob(RUN_NAME))) == 2
 
 
 def test_a_spare_folder_that_others_may_write_is_not_trusted(tmp_path: Path) -> None:

@@ -13,9 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from rosbags.highlevel import AnyReader
 
+from daemon.api import RunRequest
+from daemon.run.spare_folder import files_elsewhere
 from tests.end_to_end.processes import iiwa_ident
 
 __all__ = ["FaultResult", "account_of", "examine", "matches", "outcome_of", "peaks_of", "what_the_arm_did"]
@@ -61,9 +64,19 @@ class FaultResult:
         return f"{how}, {self.samples} samples, {lost}"
 
 
+def _places(folder: Path) -> list[Path]:
+    """Where a run may have left its files: its own folder (copied from a small disk), and the spare one."""
+    places = [folder / "kept", folder / "run"]
+    for place in list(places):
+        with contextlib.suppress(FileNotFoundError):
+            request = msgspec.json.decode((place / "request.json").read_bytes(), type=RunRequest)
+            places += {file.parent for file in files_elsewhere(request).values()}
+    return places
+
+
 def outcome_of(folder: Path) -> str | None:
     """Of run.json, or of the loop's own report where the supervisor wrote none."""
-    for place in (folder / "kept", folder / "run"):
+    for place in _places(folder):
         for name in ("run.json", "loop_report.json"):
             with contextlib.suppress(FileNotFoundError):
                 return str(json.loads((place / name).read_text())["outcome"])
@@ -72,7 +85,7 @@ def outcome_of(folder: Path) -> str | None:
 
 def account_of(folder: Path) -> dict[str, Any]:
     """run.json; empty where there is none."""
-    for place in (folder / "kept", folder / "run"):
+    for place in _places(folder):
         with contextlib.suppress(FileNotFoundError):
             return dict(json.loads((place / "run.json").read_text()))
     return {}
@@ -115,7 +128,7 @@ def examine(folder: Path) -> tuple[int | None, int, int, bool]:
 
 
 def _recording(folder: Path) -> Path | None:
-    for place in (folder / "kept", folder / "run"):
+    for place in _places(folder):
         with contextlib.suppress(FileNotFoundError, KeyError, IndexError):
             told = Path(json.loads((place / "run.json").read_text())["recordings"][0])
             if told.is_file():

@@ -35,7 +35,7 @@ def check(case: FaultCase, folder: Path) -> None:
     for words in case.says:
         assert matches(result.transcript, words), (words, result.transcript)
     assert "Traceback" not in result.transcript
-    assert (result.samples is not None) == case.file
+    assert (result.samples is not None) == case.file, result.transcript
     assert result.gap == case.gap
     assert result.answered_samples >= result.robot_answered - case.unsaved
     assert result.left_running == ()
