@@ -29,6 +29,10 @@ def import_recording(
         list[str] | None,
         typer.Option("--unit", metavar="QUANTITY=UNIT", help="Of t, q, dq or tau, such as q=deg or t=ms; repeatable."),
     ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option("--period", help="Seconds until the motion repeats, over what the file states; 0: it does not."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Log to write (one file only); default: FILE.mcap.")] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write over an earlier import. A robot's own log is never written over.")
@@ -50,7 +54,13 @@ def import_recording(
     results = []
     for file, target in zip(files, targets, strict=True):
         recording = read_recording(
-            file, robot=arm.robot, installation=installation, joints=names_of(arm.joints), units=units, topic=topic
+            file,
+            robot=arm.robot,
+            installation=installation,
+            joints=names_of(arm.joints),
+            units=units,
+            topic=topic,
+            period_s=period,
         )
         recording = _as_it_stood(recording, find_mount=arm.finds_mount)
         write_recording(recording, target)

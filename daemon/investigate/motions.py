@@ -93,7 +93,7 @@ def _motion_of(first: Recorded, robot: str, folder: Path) -> Trajectory:
         return load_trajectory(folder / first.motion.trajectory)
     average = average_periods(period_table(read_recording(first.file)))
     table = smooth_motion(average, DiagnosisSettings().motion_bandwidth_hz)[0]
-    return TableTrajectory(table, 1.0 / average.sampling_period_s, robot)
+    return TableTrajectory(table, len(table) / average.period_s, robot)
 
 
 def describe_motion(motion: Motion) -> str:

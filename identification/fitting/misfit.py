@@ -45,8 +45,8 @@ class Misfit:
         """What an operator should know and do."""
         if not self.known:
             return (
-                "Misfit and noise cannot be told apart here, because no motion was repeated: record four periods or "
-                "more, or run `iiwa-ident diagnose`, which holds rows out."
+                "Misfit and noise cannot be told apart here, because no two periods of a motion are known: record four "
+                "or more, or run `iiwa-ident diagnose`, which holds rows out."
             )
         ratios = ", ".join(f"{value:.1f}" for value in self.over_noise)
         said = f"Misfit over noise, joints 1 to {self.over_noise.size}: {ratios}."

@@ -84,7 +84,8 @@ def less_torque(
             f"{recording.source.path} has no periods: a known torque cannot be taken out of it",
             file=recording.source.path,
         )
-    along = torque_along(*smooth_motion(average_periods(period_table(recording)), _BANDWIDTH_HZ))
+    average = average_periods(period_table(recording))
+    along = torque_along(*smooth_motion(average, _BANDWIDTH_HZ))[:: average.refinement.factor]
     place = recording.sample_in_period
     inside = (place >= 0) & (place < len(along))
     torque = recording.torque.copy()

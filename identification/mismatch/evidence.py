@@ -19,10 +19,9 @@ from identification.mismatch.noise import noise_of_mean
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-from identification.signals.periodic import PeriodicSettings, smooth_motion, to_lines, torque_lines
+from identification.signals.periodic import PeriodicSettings, projection_of, smooth_motion, to_lines, torque_lines
 from identification.signals.periods import PeriodTable, average_periods
 from identification.signals.processed import LinearOperator
-from identification.signals.standstill import over_standstills
 
 ABSENT = 1e-12
 """Share of the longest column below which the motion does not ask for a base parameter: it stays at zero, and its
@@ -139,29 +138,26 @@ def periodic_evidence(
 ) -> Evidence:
     """The evidence of a recording whose motion repeats, with the noise that its periods differ by."""
     average = average_periods(table)
-    samples, step = average.position.shape[0], average.sampling_period_s
     bands = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
     position, velocity, acceleration = smooth_motion(average, bands.motion_bandwidth_hz)
     lines = torque_lines(average, bands)
-    bridge = over_standstills(velocity, step)
-
-    def project(values: FloatArray) -> FloatArray:
-        return to_lines(bridge(values), lines)
-
-    torque = project(average.torque)
+    project = projection_of(velocity, average, lines)
+    finer = average.refinement
+    torque = project(finer.refined(average.torque))
     frequency = np.repeat(np.arange(lines + 1) / average.period_s, 2)[1:]
     period_torque = None
     if average.periods > 1:
         filled = np.where(np.isfinite(table.torque), table.torque, average.torque[None])
-        period_torque = np.stack([project(period) for period in filled])
+        period_torque = np.stack([project(finer.refined(period)) for period in filled])
         noise, freedom = noise_of_mean(period_torque)
     else:
         noise, freedom = _noise_of_high_band(average.torque, lines)
+        noise = noise * np.sqrt(finer.factor)
     # argmax: the first row of a period.
     begins = np.array([int(np.argmax(recording.period_index == number)) for number in table.periods])
     motion = Motion(
         robot=robot,
-        time=np.arange(samples, dtype=np.float64) * step,
+        time=np.arange(len(position), dtype=np.float64) * (average.sampling_period_s / finer.factor),
         position=position,
         velocity=velocity,
         acceleration=acceleration,

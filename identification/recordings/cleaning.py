@@ -17,6 +17,7 @@ from identification.recordings.clock import before_a_clock_was_set_back, highest
 from identification.recordings.held import held_rows, rows_of_a_slower_source
 from identification.recordings.labels import label_by_time, repeating_period, standing_apart, unfilled
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
+from identification.recordings.repetition import unstated_period
 from identification.recordings.table import RawTable
 
 MINIMUM_DURATION_S = 0.5
@@ -71,6 +72,12 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
         arrays["samples_per_period"] = table.samples_per_period
     elif table.period_s:
         arrays.update(_labels(table, time, position, sampling_period_s, findings, rows_read))
+    elif table.period_s is None and (period_s := unstated_period(time, position, sampling_period_s)) is not None:
+        sentence = (
+            f"the motion repeats every {period_s:.5g} s, {(time[-1] - time[0]) / period_s:.2g} times, but no period is "
+            f"stated: with `iiwa-ident import {table.path} --period {period_s:.5g}` its noise is measured"
+        )
+        findings.append(Finding.of_all("unstated_period", rows_read, sentence))
     findings.sort(key=lambda finding: finding.first_row)
     return Recording(
         time=time,

@@ -82,10 +82,10 @@ def _settings(lines: list[str]) -> tuple[dict[str, str], int]:
 
 
 def _period(path: Path, settings: dict[str, str]) -> float | None:
-    """Stated period, s; None where it is not stated, or zero."""
-    text = settings.get("period_s", "0")
+    """Stated period, s; None where none is stated, 0 where it is said that there is none."""
+    text = settings.get("period_s")
     try:
-        return float(text) or None
+        return None if text is None else float(text)
     except ValueError:
         raise RecordingError.named(path, f"period_s={text} is no number", field="period_s") from None
 

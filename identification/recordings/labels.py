@@ -31,7 +31,7 @@ def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sa
     to the next first, then over twice as many each time: the further apart, the sharper. Not of rows at either end that
     the arm stands in.
     """
-    there = _in_its_own_motion(position)
+    there = in_its_own_motion(position)
     moving = slice(*_ends_of_motion(there))
     time, there = time[moving], there[moving]
     last = round((time[-1] - time[0]) / period_s) - 1
@@ -61,7 +61,7 @@ def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> B
 
     Whoever records by hand begins before the motion and ends after it. A motion that rests in every period is kept.
     """
-    there = _in_its_own_motion(position)
+    there = in_its_own_motion(position)
     marked = np.zeros(time.size, dtype=np.bool_)
     begins, ends = _ends_of_motion(there)
     for rows, row, apart_s in ((slice(0, begins), 0, period_s), (slice(ends, None), -1, -period_s)):
@@ -75,7 +75,7 @@ def standing_apart(time: FloatArray, position: FloatArray, period_s: float) -> B
     return marked
 
 
-def _in_its_own_motion(position: FloatArray) -> FloatArray:
+def in_its_own_motion(position: FloatArray) -> FloatArray:
     """Positions (N, n) in standard deviations of the joint's own motion."""
     deviation = position.std(axis=0)
     smallest = max(LEAST_OF_MOTION * float(deviation.max()), float(np.finfo(np.float64).tiny))

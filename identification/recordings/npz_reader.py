@@ -71,7 +71,6 @@ def read_npz(path: Path) -> list[RawTable]:
                 field=name,
             )
     refuse_unknown_units(path, (item.removesuffix(".npy") for item in held))
-    period = _scalar(path, fields, "period_s")
     names = fields.get("joint_names")
     table = RawTable(
         path=path,
@@ -80,7 +79,7 @@ def read_npz(path: Path) -> list[RawTable]:
         position=_numbers(path, fields, "q"),
         torque=_numbers(path, fields, "tau"),
         optional={ours: _numbers(path, fields, theirs) for theirs, ours in OPTIONAL_FIELDS.items() if theirs in fields},
-        period_s=period if period else None,
+        period_s=_scalar(path, fields, "period_s"),
         robot=resolve_robot(path, _text(fields.get("robot"), "")),
         joint_names=None if names is None else tuple(_text(name, "") for name in np.ravel(names)),
         units={quantity: _text(fields[name], "") for name, quantity in UNIT_FIELDS.items() if name in fields},

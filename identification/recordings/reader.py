@@ -18,7 +18,7 @@ from identification.recordings.joint_choice import for_robot, select_joints
 from identification.recordings.leaps import refuse_leaps, with_whole_turns
 from identification.recordings.log_reader import read_bag_folder, read_log
 from identification.recordings.npz_reader import read_npz
-from identification.recordings.recording import Finding, Recording
+from identification.recordings.recording import PERIOD_STATED, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.recordings.units import check_units, in_si
 from identification.robots import Installation, RobotModel, load_robot
@@ -87,13 +87,15 @@ def read_recording(
     model_robot: RobotModel | None = None,
     units: dict[str, str] | None = None,
     topic: str | None = None,
+    period_s: float | None = None,
 ) -> Recording:
     """Read a recording: .npz, .csv, .mcap, .db3, the folder of a run or of a ROS 2 bag.
 
     robot: overrides the robot that the file names. installation: how it stands, overrides the file's. joints: which of
     the recorded joints are the robot's, in its order; default: by their names. model_robot: robot of the model that the
     recording is for, taken where the file names none; where it names another arm, that is an error. units: of t, q, dq
-    and tau, over what the file states. topic: of a bag with several.
+    and tau, over what the file states. topic: of a bag with several. period_s: with which the motion repeats, over what
+    the file states.
     Doubtful rows are found, named in `Recording.report` and left out. Raises RecordingNotFoundError (exit 66) when
     there is no such file, RecordingError (exit 65) when it cannot be used; the text says why.
     """
@@ -105,15 +107,18 @@ def read_recording(
         digest = beside.submit(_digest, file)
         found = read_bag_folder(file) if file.is_dir() else _reader_of(file)(file)
     if isinstance(found, Recording):
-        if units:
+        if units or period_s is not None:
             original = found.source.metadata["imported_from"]
-            what = f"is an import, in SI units since then: state other units where {original} is imported"
-            raise RecordingError.named(path, what, field=f"{next(iter(units))}_unit")
+            field = f"{next(iter(units))}_unit" if units else "period_s"
+            other = "in SI units since then: state other units" if units else "with its period: state another"
+            raise RecordingError.named(path, f"is an import, {other} where {original} is imported", field=field)
         arm, notes = _arm(found, robot, installation, model_robot)
         recording = found if arm is None else with_whole_turns(for_robot(found, arm, joints), arm)
         stated = dict.fromkeys(found.source.metadata.get("units_stated", "").split(), "")
     else:
         tables = [replace(each, units={**each.units, **(units or {})}) for each in found]
+        if period_s is not None:
+            tables = [_with_period(each, period_s) for each in tables]
         table, arm, notes = _chosen(tables, robot, installation, joints, model_robot, topic)
         table = in_si(table, arm)
         stated = table.units
@@ -154,6 +159,14 @@ def _reader_of(path: Path) -> Callable[[Path], Tables]:
             path, f"recordings end in {', '.join(READERS)} or are folders, this one ends in '{path.suffix}'"
         )
     return reader
+
+
+def _with_period(table: RawTable, period_s: float) -> RawTable:
+    """The table with another statement of its period. Raises RecordingError where the run itself has written it."""
+    if table.period_index is not None:
+        what = "was recorded with the number of each period: they are taken, and no other is stated"
+        raise RecordingError.named(table.path, what, field="period_s")
+    return replace(table, period_s=period_s, metadata={**table.metadata, PERIOD_STATED: "1"})
 
 
 def _chosen(

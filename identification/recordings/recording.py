@@ -20,6 +20,9 @@ OPTIONAL_ARRAYS = ("velocity", "command_position", "link_position", "external_to
 CLOCK_START = "clock_start_s"
 """In a source's metadata: its own time stamp of the first row, where `Recording.time` counts from zero."""
 
+PERIOD_STATED = "period_stated"
+"""In a source's metadata: that its period was stated by who reads it, and not by the run."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -165,6 +168,11 @@ class Recording(Printed):
     def is_periodic(self) -> bool:
         """Whether the rows carry period labels."""
         return self.period_index is not None
+
+    @property
+    def labelled_by_run(self) -> bool:
+        """Whether the run itself wrote the labels of its periods; else they are by time stamps."""
+        return self.source.kind == "log" and PERIOD_STATED not in self.source.metadata
 
     @property
     def complete_periods(self) -> int:

@@ -17,6 +17,7 @@ class RawTable:
     units: of t, q, dq and tau where the file states them; `units.in_si` turns all to those of Recording.
 
     time (N,), position (N, n), torque (N, n); optional: (N, n) arrays by their name in Recording.
+    period_s: None where none is stated, 0 where it is said that nothing repeats.
     period_index, sample_in_period: labels written by the run itself, if any. findings: what the reader saw.
     named: (N, n) whether the row's message names the joint, None where rows are not messages; not the same as a value
     that is not finite. topic: where the rows stand in a bag that has several.

@@ -17,7 +17,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.recordings.recording import Recording
 from identification.signals.outliers import FEWEST_PERIODS, clean_across_periods
 from identification.signals.periods import PeriodAverage, average_periods, period_table, smooth_over_lines
-from identification.signals.processed import ProcessedSignals, unchanged
+from identification.signals.processed import LinearOperator, ProcessedSignals
 from identification.signals.standstill import over_standstills
 
 # A line counts as motion when its power is this many times the noise power of the mean (chance of a noise line: 4e-6).
@@ -62,31 +62,30 @@ def process_periodic(
         table, beyond, replaced = clean_across_periods(table)
         bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
-    samples = average.position.shape[0]
+    finer, samples = average.refinement, average.position.shape[0] * average.refinement.factor
     position, velocity, acceleration = smooth_motion(average, settings.motion_bandwidth_hz)
     lines = torque_lines(average, settings)
-    bridge = over_standstills(velocity, average.sampling_period_s)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
     noise = None
     if average.torque_spectrum is not None:
         of_mean = np.sqrt(average.torque_spectrum[: lines + 1] / average.periods)
-        noise = np.concatenate([of_mean[:1], np.repeat(of_mean[1:], 2, axis=0)])
-    time = np.arange(samples, dtype=np.float64) * average.sampling_period_s
+        noise = np.concatenate([of_mean[:1], np.repeat(of_mean[1:], 2, axis=0)]) * np.sqrt(finer.factor)
+    time = np.arange(samples, dtype=np.float64) * (average.sampling_period_s / finer.factor)
     return ProcessedSignals(
         pipeline="periodic",
         time=time,
         position=position,
         velocity=velocity,
         acceleration=acceleration,
-        torque=average.torque,
-        project=lambda values: to_lines(bridge(values), lines),
+        torque=finer.refined(average.torque),
+        project=projection_of(velocity, average, lines),
         used=np.ones((rows, recording.n), dtype=np.bool_),
         row_time=None,
         row_noise=noise,
-        evaluate=unchanged,
+        evaluate=finer.sampled,
         evaluated=np.repeat(~average.filled[:, None], recording.n, axis=1),
-        evaluation_time=time,
+        evaluation_time=time[:: finer.factor],
         noise_floor_nm=average.torque_noise_nm * np.sqrt(np.mean(1.0 / counts)),
         facts={
             "periods": average.periods,
@@ -101,6 +100,17 @@ def process_periodic(
         noise_freedom=average.noise_freedom,
         outliers_bounded=bool(bounded),
     )
+
+
+def projection_of(velocity: FloatArray, average: PeriodAverage, lines: int) -> LinearOperator:
+    """The operator from a period of torque or of a column to its lines 0 … `lines`, with standstills bridged.
+
+    velocity: (S, n) of `smooth_motion`, on the grid of the values. Where that is finer than the rows, the values
+    are sampled as the rows were first; the lines are orthonormal on the finer grid.
+    """
+    finer = average.refinement
+    bridge = over_standstills(velocity[:: finer.factor], average.sampling_period_s)
+    return lambda values: np.sqrt(finer.factor) * to_lines(bridge(finer.sampled(values)), lines)
 
 
 def widest_lines(samples: int, period_s: float, settings: PeriodicSettings) -> int:
@@ -153,9 +163,14 @@ def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> IntArray:
 
 
 def smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean position (M, n) of each joint's own harmonics with its first and second derivative, exact for these."""
+    """Mean position (S, n) of each joint's own harmonics with its first and second derivative, exact for these.
+
+    On the grid of the rows, S = M, or on the finer one that their model asks for (`refinement`).
+    """
     parts = [
-        differentiate_harmonics(average.position[:, joint : joint + 1], average.period_s, int(harmonics))
+        differentiate_harmonics(
+            average.refinement.refined(average.position[:, joint : joint + 1]), average.period_s, int(harmonics)
+        )
         for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz))
     ]
     position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))

@@ -15,6 +15,7 @@ from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
 from identification.signals.gaps import median_over_periods, wrapped_fill
+from identification.signals.refinement import ON_THE_ROWS, Refinement, at_moments, refinement_of
 
 LARGEST_SHARE_WITHOUT_DATA = 0.02
 LARGEST_GAP_WITHOUT_DATA_S = 0.05
@@ -36,7 +37,7 @@ class PeriodTable:
 
     position, torque: (K, M, n) rad, Nm. periods: (K,) their numbers in the recording. period_s: s.
     notes: sentences on what was left out. filtered_hz: cutoff of a low-pass that the torque went through before, None
-    where its noise shows none.
+    where its noise shows none. refinement: the grid on which a model of it is evaluated.
     """
 
     position: FloatArray
@@ -45,6 +46,7 @@ class PeriodTable:
     period_s: float
     notes: tuple[str, ...] = ()
     filtered_hz: float | None = None
+    refinement: Refinement = ON_THE_ROWS
 
     @property
     def sampling_period_s(self) -> float:
@@ -61,8 +63,8 @@ class PeriodAverage:
     torque_spectrum, position_spectrum: (M // 2 + 1, n) variance of the noise of ONE period per spectral line, in the
     units of a white noise's variance (Nm², rad²), from successive differences; None for a single period.
     torque_noise_nm: (n,) standard deviation of one sample of one period, nan for a single period.
-    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period. filtered_hz: as in
-    `PeriodTable`.
+    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period. filtered_hz, refinement: as
+    in `PeriodTable`.
     """
 
     position: FloatArray
@@ -77,6 +79,7 @@ class PeriodAverage:
     noise_freedom: float = float("inf")
     notes: tuple[str, ...] = ()
     filtered_hz: float | None = None
+    refinement: Refinement = ON_THE_ROWS
 
     @property
     def sampling_period_s(self) -> float:
@@ -88,7 +91,8 @@ def period_table(recording: Recording) -> PeriodTable:
     """Lay a periodic recording out by period and sample.
 
     Labels that the run itself wrote are taken as they are. Labels by time stamps are refined: a stamp that is off the
-    grid moves the value along the local slope onto it. Of several periods, a first one that differs from the others
+    grid moves the value along the local slope onto it; rows that slide along the period are read at the moments of the
+    grid by a spline. Of several periods, a first one that differs from the others
     ten times as much as they differ among themselves (the transient of a start) is left out.
     Raises RecordingError when the recording has no period labels, or the motion does not repeat with the stated period.
     """
@@ -109,32 +113,39 @@ def period_table(recording: Recording) -> PeriodTable:
             f"its period labels do not fit {recording.samples_per_period} samples per period",
             field="sample_in_period",
         )
-    values = [recording.position, recording.torque]
-    if recording.source.kind != "log":
-        values = _onto_grid(recording, values)
     shape = (numbers.size, recording.samples_per_period, recording.n)
-    tables = []
-    for value in values:
-        table = np.full(shape, np.nan)
-        table[row, sample] = value[inside]
-        tables.append(table)
-    position, torque = tables
+    offset_s = np.zeros(recording.samples) if recording.labelled_by_run else _offset_s(recording)
+    step_s = recording.period_s / recording.samples_per_period
+    refinement = ON_THE_ROWS if recording.labelled_by_run else refinement_of(recording, offset_s[inside] / step_s)
+    values = [recording.position, recording.torque]
+    if refinement.factor > 1:
+        moments = (
+            recording.time[inside][0]
+            - offset_s[inside][0]
+            + step_s * ((numbers - numbers[0])[:, None] * shape[1] + np.arange(shape[1]) - sample[0])
+        )
+        position, torque = (at_moments(recording.time, value, moments.ravel()).reshape(shape) for value in values)
+    else:
+        if np.abs(offset_s).max() > SMALLEST_SHIFT * step_s:
+            values = [value - offset_s[:, None] * np.gradient(value, recording.time, axis=0) for value in values]
+        position, torque = np.full((2, *shape), np.nan)
+        position[row, sample], torque[row, sample] = (value[inside] for value in values)
     notes: list[str] = []
     keep = np.ones(numbers.size, dtype=np.bool_)
     coverage = np.isfinite(position[:, :, 0]).mean(axis=1)
     if np.any(coverage < 0.5) and np.any(coverage >= 0.5):
         keep = coverage >= 0.5
         notes.append(f"{int((~keep).sum())} of {numbers.size} periods hold less than half of their samples; left out")
-    if recording.source.kind != "log":
+    if not recording.labelled_by_run:
         keep &= ~_transient(position, keep, notes)
     filtered_hz = cutoff_hz(torque[keep], recording.period_s / torque.shape[1])
     if filtered_hz is not None:
         keep[keep] = ~_at_filter_ends(recording, numbers[keep], filtered_hz, notes)
     position, torque, numbers = position[keep], torque[keep], numbers[keep]
     _check_repetition(recording, position)
-    if recording.source.kind != "log" and (late := _not_simultaneous(recording, position, numbers)):
+    if not recording.labelled_by_run and (late := _not_simultaneous(recording, position, numbers)):
         notes.append(late)
-    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz)
+    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz, refinement)
 
 
 def average_periods(table: PeriodTable) -> PeriodAverage:
@@ -179,6 +190,7 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
         noise_freedom=_noise_freedom(present.shape[0]),
         notes=tuple(notes),
         filtered_hz=table.filtered_hz,
+        refinement=table.refinement,
     )
 
 
@@ -201,20 +213,17 @@ def _at_filter_ends(recording: Recording, numbers: IntArray, cutoff: float, note
     return marked
 
 
-def _onto_grid(recording: Recording, values: list[FloatArray]) -> list[FloatArray]:
+def _offset_s(recording: Recording) -> FloatArray:
+    """(N,) s by which the stamps of labelled rows come behind the moments of their samples, by all of them together."""
     assert recording.period_index is not None
     assert recording.sample_in_period is not None
     assert recording.period_s is not None
     assert recording.samples_per_period is not None
     step = recording.period_s / recording.samples_per_period
-    inside = recording.period_index >= 0
     place = recording.period_index * recording.period_s + recording.sample_in_period * step
-    start = recording.time[inside][0] - place[inside][0]
-    shift = np.where(inside, recording.time - start - place, 0.0)
-    shift -= np.median(shift[inside])
-    if np.abs(shift).max() <= SMALLEST_SHIFT * step:
-        return values
-    return [value - shift[:, None] * np.gradient(value, recording.time, axis=0) for value in values]
+    inside = recording.period_index >= 0
+    offset = recording.time - place
+    return np.asarray(np.where(inside, offset - np.median(offset[inside]), 0.0))
 
 
 def _transient(position: FloatArray, keep: BoolArray, notes: list[str]) -> BoolArray:

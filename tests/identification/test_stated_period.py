@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from identification.errors import RecordingError
-from identification.recordings import Recording, read_recording
+from identification.recordings import Recording, read_recording, write_recording
 from identification.signals import average_periods, period_table
 
 PERIOD_S, STEP_S, PERIODS = 4.0, 0.005, 5
@@ -24,11 +24,12 @@ def _motion(time: np.ndarray) -> np.ndarray:
     return np.column_stack([np.sin(turns) + 0.4 * np.cos(3.0 * turns), 0.7 * np.cos(turns) - 0.3 * np.sin(5.0 * turns)])
 
 
-def _read(folder: Path, stated_s: float, *, noise: float = 1e-5, lost: tuple[int, int] = (0, 0)) -> Recording:
+def _read(folder: Path, stated_s: float | None, *, noise: float = 1e-5, lost: tuple[int, int] = (0, 0)) -> Recording:
     time = np.delete(np.arange(ROWS + lost[1] - lost[0]) * STEP_S, np.arange(*lost))
     position = _motion(time) + np.random.default_rng(4).normal(scale=noise, size=(ROWS, 2))
     path = folder / "measured.npz"
-    np.savez(path, t=np.arange(ROWS) * STEP_S, q=position, tau=3.0 * position, period_s=stated_s)
+    stated = {} if stated_s is None else {"period_s": stated_s}
+    np.savez(path, t=np.arange(ROWS) * STEP_S, q=position, tau=3.0 * position, **stated)
     return read_recording(path)
 
 
@@ -49,6 +50,38 @@ def test_a_period_stated_right_stays_as_it_is_stated(tmp_path: Path, noise: floa
     recording = _read(tmp_path, PERIOD_S, noise=noise)
     assert recording.period_s == PERIOD_S
     assert not recording.report.of_kind("other_period")
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-2])
+def test_a_motion_that_repeats_without_a_stated_period_is_noticed(tmp_path: Path, noise: float) -> None:
+    """Bags state none: 16 periods were fitted as one long motion, "because no motion was repeated"."""
+    recording = _read(tmp_path, None, noise=noise)
+    assert not recording.is_periodic
+    (finding,) = recording.report.of_kind("unstated_period")
+    assert "repeats every 4 s, 5 times" in finding.sentence
+    assert "--period 4`" in finding.sentence
+    stated = read_recording(recording.source.path, period_s=4.0)
+    assert stated.period_s == PERIOD_S
+    assert stated.complete_periods == PERIODS
+    assert not stated.report.of_kind("unstated_period")
+    assert not read_recording(recording.source.path, period_s=0.0).report.findings
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motion_that_does_not_repeat_is_not_said_to(tmp_path: Path, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    time = np.arange(4000) * STEP_S
+    rates = random.uniform(0.1, 1.0, (6, 1))  # in no ratio of small whole numbers
+    waves = np.sin(2.0 * np.pi * rates * time + random.uniform(0.0, 6.0, (6, 1)))
+    position = np.column_stack([waves[:3].sum(axis=0), waves[3:].sum(axis=0)])
+    np.savez(tmp_path / "a.npz", t=time, q=position, tau=3.0 * position)
+    assert not read_recording(tmp_path / "a.npz").report.findings
+
+
+def test_a_log_that_numbers_its_periods_takes_no_other(tmp_path: Path) -> None:
+    log = write_recording(_read(tmp_path, PERIOD_S), tmp_path / "import.mcap")
+    with pytest.raises(RecordingError, match=r"state another where .* is imported"):
+        read_recording(log, period_s=3.0)
 
 
 def test_a_period_far_from_the_motions_is_not_replaced_by_another(tmp_path: Path) -> None:
