@@ -1,8 +1,7 @@
 """From raw rows to a Recording: every doubtful row is found, named with its place and number, and handled.
 
-Order: shapes, non-finite rows, time stamps, isolated spikes, held rows, then gaps and jitter of what is left. Rows
-are dropped, never repaired: a gap is honest, an invented sample is not. No file is
-read here.
+Order: shapes, non-finite rows, time stamps, isolated spikes, held rows, the clock of the rows, then gaps and jitter of
+what is left. Rows are dropped, never repaired: a gap is honest, an invented sample is not. No file is read here.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from identification.recordings.held import held_rows, rows_of_a_slower_source
 from identification.recordings.labels import label_by_time, repeating_period, standing_apart, unfilled
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.repetition import unstated_period
+from identification.recordings.row_clock import CROWDED_ROW, crowded, row_clock
 from identification.recordings.table import RawTable
 
 MINIMUM_DURATION_S = 0.5
@@ -41,24 +41,30 @@ _ZERO_IS_ABSENT = {
 def build_recording(table: RawTable, *, sha256: str) -> Recording:
     """Judge the rows of a table in SI units, its shapes checked, and build the Recording of those that hold.
 
-    Raises RecordingError when the arrays do not fit together,
-    when more than a fifth of the rows is unusable, when time does not advance, or when less than half a second is left.
+    Raises RecordingError when the arrays do not fit together, when more than a fifth of the rows is unusable, when time
+    does not advance, or when less than half a second is left.
     """
     rows_read = table.time.shape[0]
     findings = list(table.findings)
     number = np.arange(1, rows_read + 1, dtype=np.int64)
     keep = _usable(table, number, findings)
     time = table.time[keep]
-    if time.size < MINIMUM_SAMPLES or time[-1] - time[0] < MINIMUM_DURATION_S:
-        duration = float(time[-1] - time[0]) if time.size else 0.0
+    if (clock := row_clock(time, _kept(table.position, keep))) is not None:
+        time, again = clock.time, clock.again
+        findings.append(Finding.of_all("trembling_stamps", rows_read, clock.sentence))
+    else:
+        again = crowded(time)
+        _note_runs(findings, "crowded_rows", number[keep][again], CROWDED_ROW)
+    time, keep[keep] = time[~again], ~again
+    duration = float(np.ptp(time)) if time.size else 0.0
+    if time.size < MINIMUM_SAMPLES or duration < MINIMUM_DURATION_S:
         raise RecordingError.named(
             table.path,
-            f"{time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples "
-            f"and {MINIMUM_DURATION_S} s are needed",
+            f"{time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples and "
+            f"{MINIMUM_DURATION_S} s are needed",
         )
     sampling_period_s = float(np.median(np.diff(time)))
     _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s)
-
     position, torque = _kept(table.position, keep), _kept(table.torque, keep)
     moves = np.ptp(position, axis=0) > 0.0
     _refuse_dead_torque(table, torque, moves, findings)

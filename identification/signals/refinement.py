@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from identification.arrays import ComplexArray, FloatArray
 from identification.recordings.recording import Recording
@@ -95,6 +94,8 @@ def at_moments(time: FloatArray, values: FloatArray, moments: FloatArray) -> Flo
 
     A row that comes right behind another is left out: a spline through both swings.
     """
+    from scipy.interpolate import make_interp_spline  # slow to load, and few recordings need it
+
     step = float(np.median(np.diff(time)))
     apart = np.diff(time, prepend=-np.inf) > _SMALLEST_STEP * step
     time, values = time[apart], values[apart]

@@ -235,6 +235,7 @@ def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
     keep[100:120] = False
     arrays = {name: values[keep] for name, values in arrays.items()}
     arrays["t"] = arrays["t"] + np.random.default_rng(1).uniform(0.0, 0.2 * STEP, arrays["t"].size)
+    arrays["q"] = np.sin(2.0 * arrays["t"][:, None] + np.arange(JOINTS))  # sampled when it was stamped
     recording = read_recording(_save(tmp_path / "a.npz", **arrays))
     (gap,) = recording.report.of_kind("gap")
     assert (gap.first_row, gap.last_row, gap.count) == (100, 101, 1)
