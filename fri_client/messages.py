@@ -151,28 +151,6 @@ class OverlayType(IntEnum):
     CARTESIAN = 2
 
 
-class IoType(IntEnum):
-    """Kind of one input or output."""
-
-    BOOLEAN = 0
-    DIGITAL = 1
-    ANALOG = 2
-
-
-class IoDirection(IntEnum):
-    """Direction of one input or output, seen from the robot controller."""
-
-    INPUT = 0
-    OUTPUT = 1
-
-
-class RedundancyStrategy(IntEnum):
-    """How the redundant degree of freedom is described (2.x)."""
-
-    E1 = 0
-    NONE = 4
-
-
 FAKE_ROBOT = "iiwa-ident fake robot"
 """What the fake robot that comes with this program announces; in lockstep with `, lockstep` behind it."""
 

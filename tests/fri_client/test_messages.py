@@ -15,7 +15,6 @@ from fri_client.messages import (
     MessageHeader,
     MonitorData,
     MonitoringMessage,
-    RedundancyStrategy,
     SafetyState,
     SessionState,
 )
@@ -36,7 +35,6 @@ def test_states_have_the_numbers_of_the_wire() -> None:
     assert [int(quality) for quality in ConnectionQuality] == [0, 1, 2, 3]
     assert ClientCommandMode(4).name == "CARTESIAN_POSE"
     assert ClientCommandMode["POSITION"] is ClientCommandMode["JOINT_POSITION"]
-    assert RedundancyStrategy(4).name == "NONE"
 
 
 def test_a_stop_of_level_0_is_number_1() -> None:
