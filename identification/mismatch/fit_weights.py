@@ -16,14 +16,13 @@ from identification.estimators.observation import CompressedObservation
 from identification.fitting.blocks import line_variances
 from identification.mismatch.aperiodic_evidence import weighted_by_joint
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, reweighted, spread
-from identification.mismatch.search.refinement import Member
+from identification.mismatch.problem import Problem, reweighted
+from identification.mismatch.search.refinement import Member, columns_of
 
 
 def without_periods(problem: Problem, fitted: Prepared, members: Sequence[Member]) -> Problem:
     """Each joint counts by what base parameters and members leave of it, all bands alike."""
-    added = [spread(problem, item.rows.joints, item.used_rows()) for item in members]
-    level = _levels(problem, np.ones_like(problem.noise), added)
+    level = _levels(problem, np.ones_like(problem.noise), members)
     return replace(fitted, evidences=weighted_by_joint(fitted.evidences, level)).problem()
 
 
@@ -49,14 +48,14 @@ def _in_nm(plain: Problem, problem: Problem) -> FloatArray:
     return np.where(used, problem.residual.reshape(used.shape) / np.where(used, problem.weight, 1.0), 0.0)
 
 
-def _levels(problem: Problem, deviation: FloatArray, added: Sequence[FloatArray] = ()) -> FloatArray:
+def _levels(problem: Problem, deviation: FloatArray, members: Sequence[Member] = ()) -> FloatArray:
     """(n,) deviation of each joint's rows, in units of `deviation` (n, R), where each joint counts by its own.
 
-    added: further whitened columns (n R, m) that are fitted along.
+    members: fitted along.
     """
     used = problem.weight > 0.0
-    columns = np.column_stack([problem.basis, *added, problem.torque]).reshape(*used.shape, -1)
-    rows = columns / np.where(used, problem.weight * deviation, np.inf)[..., None]
+    columns = np.column_stack([problem.basis, columns_of(problem, members), problem.torque])
+    rows = columns.reshape(*used.shape, -1) / np.where(used, problem.weight * deviation, np.inf)[..., None]
     names = tuple(map(str, range(rows.shape[2] - 1)))
     factors = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
     observation = CompressedObservation(factors, used.sum(axis=1), names)

@@ -16,7 +16,7 @@ from identification.mismatch.effects.base import Estimate, ShapeParameter
 from identification.mismatch.evidence import ABSENT
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.search.library import Library
-from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.refinement import Member, columns_of
 
 # Relative step of a nonlinear parameter for the derivative of its columns.
 SHAPE_STEP = 1e-2
@@ -51,9 +51,7 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
     """Fit base parameters and members to the measured rows; directions the motion leaves open stay at zero."""
     size = nominal.nominal.shape[2]
     factor, triangle, scale, loose = nominal_factor(nominal)
-    added = np.zeros((nominal.torque.size, 0))
-    if members:
-        added = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
+    added = columns_of(nominal, members)
     norms = np.concatenate([scale, np.maximum(np.linalg.norm(added, axis=0), 1e-300)])
     # QR of all columns, that of the nominal ones given; its triangle has their singular values.
     added = added / norms[size:]

@@ -7,15 +7,14 @@ point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
-from identification.mismatch.problem import Problem
+from identification.mismatch.problem import Problem, spread
 from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
 from identification.mismatch.search.screening import coefficients_of, group_gain
 
@@ -59,6 +58,12 @@ class Member:
     def used_rows(self) -> FloatArray:
         """(len(joints), R, used) Nm per unit."""
         return self.rows.rows[:, :, list(self.selection)]
+
+
+def columns_of(problem: Problem, members: Sequence[Member]) -> FloatArray:
+    """(n R, m) whitened columns that some members use, one beside the other."""
+    columns = [spread(problem, item.rows.joints, item.used_rows()) for item in members]
+    return np.concatenate(columns, axis=1) if columns else np.zeros((problem.torque.size, 0))
 
 
 def gram_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -128,8 +133,7 @@ def _refined(problem: Problem, library: Library, member: Member, parameters: Seq
     for _ in range(ROUNDS if len(parameters) > 1 else 1):
         before = best_score
         for parameter in parameters:
-            at = partial(_with_one, problem, library, best, parameter.name)
-            score, moved = _best_near(at, parameter, best.shape[parameter.name])
+            score, moved = _best_near(problem, library, best, parameter)
             if moved is not None and score > best_score:
                 best, best_score = moved, score
         if best_score - before < WORTH_IT:
@@ -216,16 +220,15 @@ def _moved(
     return score_of(problem, moved), moved
 
 
-def _with_one(
-    problem: Problem, library: Library, member: Member, name: str, value: float
-) -> tuple[float, Member | None]:
-    return _moved(problem, library, member, {name: value})
-
-
 def _best_near(
-    at: Callable[[float], tuple[float, Member | None]], parameter: ShapeParameter, value: float
+    problem: Problem, library: Library, member: Member, parameter: ShapeParameter
 ) -> tuple[float, Member | None]:
-    """The best value between the neighbours of `value` on the parameter's grid (or its bounds)."""
+    """The best value between the neighbours of the member's own on the parameter's grid (or its bounds)."""
+    value = member.shape[parameter.name]
+
+    def at(other: float) -> tuple[float, Member | None]:
+        return _moved(problem, library, member, {parameter.name: other})
+
     forward, backward = (math.log, math.exp) if parameter.logarithmic else (float, float)
     below = [point for point in parameter.grid if point < value * (1.0 - 1e-9)]
     above = [point for point in parameter.grid if point > value * (1.0 + 1e-9)]

@@ -19,7 +19,7 @@ from identification.mismatch.search.extension import extend
 from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
 from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
-from identification.mismatch.search.trial import Trial, fitted, pruned
+from identification.mismatch.search.trial import Trial, fitted, pruned, without
 from identification.mismatch.settings import DiagnosisSettings
 
 SHORTLIST = 6
@@ -164,7 +164,7 @@ def _regridded(
     for index, member in enumerate(members):
         if not member.shape:
             continue
-        rest = fitted(nominal, [other for place, other in enumerate(result) if place != index], settings).problem
+        rest = fitted(nominal, without(result, index), settings).problem
         parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
         whole = [parameter.name for parameter in parameters if parameter.integer]
         best: dict[tuple[float, ...], Member] = {}
@@ -184,8 +184,8 @@ def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial
     for index, member in enumerate(trial.members):
         whole = Member(member.rows, tuple(range(member.rows.coefficients)))
         if whole.selection != member.selection:
-            others = [other for place, other in enumerate(trial.members) if place != index]
-            gram, _, raw = gram_of(fitted(nominal, others, settings, trial).problem, whole)
+            rest = fitted(nominal, without(trial.members, index), settings, trial)
+            gram, _, raw = gram_of(rest.problem, whole)
             # A column without torque on this arm is told by no motion.
             values = np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw))) if raw.all() else np.zeros(1)
             if values[0] > WELL_DETERMINED * values[-1]:
@@ -257,8 +257,8 @@ def polished(
     members = list(trial.members)
     for index, member in enumerate(members):
         if member.shape:
-            others = [other for position, other in enumerate(members) if position != index]
-            members[index] = refine(fitted(nominal, others, settings).problem, library, member)
+            rest = fitted(nominal, without(members, index), settings)
+            members[index] = refine(rest.problem, library, member)
     polished = fitted(nominal, members, settings)
     return polished if polished.squares < trial.squares else trial
 
@@ -268,7 +268,7 @@ def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library,
     if len(trial.members) < 2:
         return trial
     for index in range(len(trial.members)):
-        others = [other for position, other in enumerate(trial.members) if position != index]
+        others = without(trial.members, index)
         rest = fitted(nominal, others, settings)
         taken = {(member.effect.name, member.place) for member in others}
         rivals = shortlist(_beside(screen, rest), library, taken)

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.mismatch.problem import Problem, extended, off, reweighted, spread
+from identification.mismatch.problem import Problem, extended, off, reweighted
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
 from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
-from identification.mismatch.search.refinement import Member, score_of
+from identification.mismatch.search.refinement import Member, columns_of, score_of
 from identification.mismatch.settings import DiagnosisSettings
 
 FULL_ROUNDS = 3
@@ -93,8 +93,7 @@ def fitted(
     """
     problem = nominal
     if members:
-        columns = np.concatenate([spread(nominal, item.rows.joints, item.used_rows()) for item in members], axis=1)
-        problem = extended(nominal, off(nominal.basis, columns))
+        problem = extended(nominal, off(nominal.basis, columns_of(nominal, members)))
     power = band_power(problem)
     few = problem.noise_is_measured and len(members) <= settings.largest_explanation
     complete = few and power.least_probability > settings.consistency_probability
