@@ -236,15 +236,14 @@ def _series(evidences: Sequence[Evidence], before: Residuals, after: Residuals) 
 
 def _notes(fitted: Prepared, unseen: Prepared | None) -> tuple[str, ...]:
     evidences = [*fitted.evidences, *(() if unseen is None else unseen.evidences)]
-    notes = []
-    if any(not evidence.noise_is_measured for evidence in evidences):
-        notes.append(
-            "A recording has no periods to compare, so its noise cannot be told from misfit. Rows are weighted by the "
-            "level above the compared band, or by a tenth of what a plain fit leaves where that is more. Names rest on "
-            "what they explain of rows that were not fitted. Where the robot can repeat a motion, record four periods "
-            "or more."
-        )
-    return tuple(notes)
+    if all(evidence.noise_is_measured for evidence in evidences):
+        return ()
+    return (
+        "A recording has no periods to compare, so its noise cannot be told from misfit. Rows are weighted by the "
+        "level above the compared band, or by a tenth of what a plain fit leaves where that is more. Names rest on "
+        "what they explain of rows that were not fitted. Where the robot can repeat a motion, record four periods "
+        "or more.",
+    )
 
 
 def verdict_of(

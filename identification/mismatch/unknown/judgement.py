@@ -245,7 +245,7 @@ def _nearest_forms(
     """Forms of the library that take most of a class's visible energy. torque: (n, R) whitened."""
     visible = off(problem.basis, torque.ravel())
     energy = float(visible @ visible)
-    shadowed = Problem(**{name: getattr(problem, name) for name in problem.__slots__} | {"residual": visible})
+    shadowed = replace(problem, residual=visible)
     best: dict[str, float] = {}
     for candidate in candidates:
         if joint not in candidate.joints or energy <= 0.0:
