@@ -19,6 +19,7 @@ from daemon.proof.prove import ProvenCase, Source, page_name, select_cases
 from daemon.proof.prove import prove as run_proof
 from daemon.proof.score import CaseScore
 from daemon.proof.table import Rate, confusion, family_rows, negatives, wrong_answers
+from identification.json_values import number
 
 FORMAT = "iiwa-ident/proof/1"
 WORLDS = ("library", "alien", "hybrid")
@@ -205,6 +206,4 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return number(value) if isinstance(value, float) else value

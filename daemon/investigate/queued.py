@@ -28,6 +28,7 @@ from daemon.motion.preparation import prepare_motion
 from daemon.motion.tool import FastenedMass, read_tool
 from daemon.motion.workspace import load_surroundings
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
+from identification.fitting.settings import silent
 from identification.investigation.actions import Action
 from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR
@@ -93,7 +94,7 @@ def step(order: Order) -> Account:
 
     mass = order.added_mass or account.added_mass
     loop = Investigation(
-        folder, account, _QueueDriver(order, account.robot, mass), ask=ask, tell=_tell, progress=_silent
+        folder, account, _QueueDriver(order, account.robot, mass), ask=ask, tell=_tell, progress=silent
     )
     if not began:
         loop.resume(after_drop=order.after_drop, acted=acted, added_mass=mass)
@@ -146,10 +147,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _tell(sentence: str) -> None:
     print(sentence, flush=True)
-
-
-def _silent(phase: str, share: float) -> None:
-    del phase, share
 
 
 if __name__ == "__main__":

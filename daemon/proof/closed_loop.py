@@ -32,6 +32,7 @@ from identification.excitation import (
     load_trajectory,
     validation_trajectory,
 )
+from identification.fitting.settings import silent
 from identification.investigation.actions import Action
 from identification.investigation.equivalences import INVISIBLE
 from identification.investigation.experiments import PERIOD_S, Room, experiment
@@ -170,7 +171,7 @@ def _chosen(start: Account, driver: _RequestDriver, folder: Path, tell: Tell) ->
     """Goes on until it rests, the operator doing what is asked for, each thing once."""
     account = start
     for _ in range(len(Action)):
-        loop = Investigation(folder, account, driver, ask=lambda _: True, tell=tell, progress=_silent)
+        loop = Investigation(folder, account, driver, ask=lambda _: True, tell=tell, progress=silent)
         if account.state is State.NEEDS_ACTION:
             loop.resume(acted=account.asks[0])
         account = loop.run()
@@ -214,7 +215,7 @@ _ARMS: dict[Arm, Callable[[Account, _RequestDriver, Path, Tell], Account]] = {
 
 def _known(account: Account, driver: _RequestDriver, folder: Path, tell: Tell) -> Account:
     """What is known of an account's recordings when no motion more is asked for."""
-    loop = Investigation(folder, account, driver, ask=lambda _: None, tell=tell, progress=_silent)
+    loop = Investigation(folder, account, driver, ask=lambda _: None, tell=tell, progress=silent)
     return loop.know()
 
 
@@ -225,7 +226,7 @@ def _with_recording(account: Account, file: Path, kind: str, periods: int) -> Ac
 
 def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], broken: int) -> Answer:
     """What an arm says after a step, held against the label. broken: limits that its motions broke."""
-    truths = [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
+    truths = _truths(label)
     named = all(
         any(f.effect in names and f.joint == joint and not f.alternatives for f in step.findings)
         for names, joint in truths
@@ -244,12 +245,17 @@ def answer_of(arm: Arm, account: Account, step: Step, label: dict[str, Any], bro
     return Answer(arm, named and not wrong, wrong, _leads(step, label), apart, used, account.state.value, broken)
 
 
+def _truths(label: dict[str, Any]) -> list[tuple[set[str], int | None]]:
+    """Of each hidden effect: the names that are right for it, and its joint."""
+    return [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
+
+
 def _leads(step: Step, label: dict[str, Any]) -> bool:
     """Whether what is settled or leads is what was hidden."""
     known = {(item.effect, item.joint) for item in step.findings if not item.alternatives}
     if not label["effects"]:
         return not known and step.alive[0].effect is None
-    truths = [(set(item["acceptable"]) | {item["effect"]}, item["joint"]) for item in label["effects"]]
+    truths = _truths(label)
     leader = (step.alive[0].effect, step.alive[0].joint)
     seen = known | ({leader} if step.stands_out else set())
     return all(any(effect in names and joint == place for effect, place in seen) for names, joint in truths)
@@ -257,8 +263,7 @@ def _leads(step: Step, label: dict[str, Any]) -> bool:
 
 def _told_apart(step: Step, label: dict[str, Any]) -> bool:
     """Whether the hidden form has its name, or may be there, 100 times as likely as the one that looks like it."""
-    (truth,), rival = label["effects"], label["rival"]
-    names, joint = set(truth["acceptable"]) | {truth["effect"]}, truth["joint"]
+    ((names, joint),), rival = _truths(label), label["rival"]
     said = [item for item in step.findings if item.joint == joint]
     if any(rival in (item.effect, *item.alternatives) for item in said):
         return False
@@ -290,7 +295,3 @@ def reliability(forecasts: Sequence[tuple[float, bool]]) -> list[tuple[str, int,
             mean, share = (float(np.mean([item[k] for item in inside])) for k in (0, 1))
             table.append((f"{100 * low:.0f} to {100 * high:.0f} %", len(inside), mean, share))
     return table
-
-
-def _silent(phase: str, share: float) -> None:
-    del phase, share

@@ -205,16 +205,15 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, Any]:
 def _single_effects(scores: Sequence[CaseScore]) -> dict[str, Any]:
     singles = _singles(scores)
     strong = [(score, effect) for score, effect in singles if effect.visibility >= STRONG]
+    rates = _rates(strong)
     narrow = [score.effects[0] for score in scores if score.group == "single" and score.excitation in NARROW_MOTIONS]
     return {
         "singles_named_at_any_visibility": rate(effect.named for _, effect in singles),
-        "singles_named": rate(effect.named for _, effect in strong),
-        "singles_in_set": rate(effect.in_set for _, effect in strong),
-        "singles_joint": rate(
-            effect.placed or effect.in_set for score, effect in strong if score.claimed or score.failed
-        ),
+        "singles_named": rates["named"],
+        "singles_in_set": rates["in_set"],
+        "singles_joint": rates["joint"],
         "singles_name_or_class": rate(effect.named or bool(score.class_right) for score, effect in strong),
-        "perturbed_named": rate(effect.named for _, effect in strong if effect.form not in LIBRARY_FORMS),
+        "perturbed_named": rates["named_perturbed"],
         "one_joint_motion_in_set": rate(effect.in_set for effect in narrow if effect.visibility >= STRONG),
         **_curve(singles),
     }
