@@ -11,7 +11,7 @@ import typer
 
 from daemon.cli.acquisition import parse_bind
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, RecordedArm, RobotOption, as_usage
+from daemon.cli.inputs import ArmOption, RecordedArm, RobotOption, as_usage, settings_of
 from daemon.cli.output import JsonOption, data, show_table, told_in_words
 
 if TYPE_CHECKING:
@@ -55,14 +55,12 @@ def doctor(
         _examine_logs(logs, robot, json_file)
         return
     from daemon.api import AUTO_VERSION
-    from daemon.config import DaemonConfig, load_config, parse_version
+    from daemon.config import parse_version
     from daemon.doctor.doctor import examine
     from daemon.doctor.link_observation import Mirror
     from fri_client.messages import FriVersion
 
-    if arm is not None and config is None:
-        raise typer.BadParameter(ARM_WITHOUT_FILE)
-    settings = DaemonConfig() if config is None else load_config(config, arm)
+    settings = settings_of(config, arm)
     host, port = (settings.fri.bind_host, settings.fri.bind_port) if bind is None else parse_bind(bind)
     named = fri_version or (None if config is None else settings.fri.version)
     with as_usage(ValueError):

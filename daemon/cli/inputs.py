@@ -16,6 +16,7 @@ import typer
 from daemon.cli.output import message
 
 if TYPE_CHECKING:
+    from daemon.config import DaemonConfig
     from identification.recordings.reader import Inputs
     from identification.robots import Installation, RobotModel
 
@@ -31,7 +32,6 @@ LockOption = Annotated[
     list[str] | None,
     typer.Option("--lock", metavar="JOINT=POSITION", help="Joint of the URDF that stood still, rad (m); repeatable."),
 ]
-ARM_WITHOUT_FILE = "--arm names one of the arms in a file: add --config FILE."
 ArmOption = Annotated[
     str | None, typer.Option("--arm", metavar="NAME", help="One of the arms that the file of --config names.")
 ]
@@ -121,6 +121,17 @@ def as_usage(*errors: type[Exception]) -> Iterator[None]:
         yield
     except errors as error:
         raise typer.BadParameter(str(error)) from error
+
+
+def settings_of(config: Path | None, arm: str | None) -> DaemonConfig:
+    """The configuration in a file, of one arm where --arm names it; without a file, all as it is by default."""
+    from daemon.config import DaemonConfig, load_config
+
+    if config is not None:
+        return load_config(config, arm)
+    if arm is not None:
+        raise typer.BadParameter("--arm names one of the arms in a file: add --config FILE.")
+    return DaemonConfig()
 
 
 def names_of(joints: str | None) -> list[str] | None:

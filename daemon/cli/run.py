@@ -24,7 +24,7 @@ from daemon.cli.acquisition import (
     tool_from,
 )
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption, GravityOption, MountOption, as_usage, installation_of
+from daemon.cli.inputs import ArmOption, GravityOption, MountOption, as_usage, installation_of, settings_of
 from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
@@ -161,7 +161,6 @@ def run(
     Example: iiwa-ident run --config lab.yaml --tool 2.5@0,0,0.06 --amplitude 0.1
     """
     from daemon.cli.worker_view import wait_for_worker
-    from daemon.config import DaemonConfig, load_config
     from daemon.motion.preparation import prepare_motion, write_monitor_request, write_run_request
     from daemon.motion.tool import read_tool
     from daemon.motion.workspace import load_surroundings
@@ -173,9 +172,7 @@ def run(
     from identification.robots import Installation
     from identification.robots.installation import ON_THE_FLOOR
 
-    if arm is not None and config is None:
-        raise typer.BadParameter(ARM_WITHOUT_FILE)
-    lab = DaemonConfig() if config is None else load_config(config, arm)
+    lab = settings_of(config, arm)
     host, port = (lab.fri.bind_host, lab.fri.bind_port) if bind is None else parse_bind(bind)
     # Nothing is asked on a loopback address, so only a robot is moved there that says it is the fake one.
     simulation = ipaddress.ip_address(host).is_loopback and not (real_robot or lab.fri.real_robot)

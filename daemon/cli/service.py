@@ -15,11 +15,10 @@ import msgspec
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import ARM_WITHOUT_FILE, ArmOption
+from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
-from daemon.config import DaemonConfig, load_config
 from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
 
@@ -84,9 +83,7 @@ def daemon(config: ConfigOption = None, arm: ArmOption = None) -> None:
     """
     from daemon.queue.server import Service
 
-    if arm is not None and config is None:
-        raise typer.BadParameter(ARM_WITHOUT_FILE)
-    Service(load_config(config, arm) if config is not None else DaemonConfig(), tell=message).run()
+    Service(settings_of(config, arm), tell=message).run()
 
 
 @app.command()
