@@ -18,7 +18,7 @@ import pinocchio
 
 from identification.arrays import FloatArray
 from identification.errors import ModelFileError
-from identification.export.arm import origin, root_link
+from identification.export.arm import link_at, origin, root_link
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw, sdf_pose
 from identification.physical_parameters import pseudo_inertia, symmetric
 
@@ -76,8 +76,7 @@ def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
     tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     root: ElementTree.Element = tree.getroot()
     for joint, added in changes.bodies.items():
-        child = _named(root, "joint", joint, source).find("child")
-        link = _named(root, "link", "" if child is None else child.get("link", ""), source)
+        link = _named(root, "link", link_at(_named(root, "joint", joint, source), "child"), source)
         inertial = link.find("inertial")
         whole = added.copy()
         if inertial is not None:
@@ -109,8 +108,7 @@ def _turn_urdf(root: ElementTree.Element, turn: FloatArray) -> None:
     base = root_link(root)
     if base == "world":
         for joint in root.findall("joint"):
-            parent = joint.find("parent")
-            if parent is not None and parent.get("link") == "world":
+            if link_at(joint, "parent") == "world":
                 pose = pinocchio.SE3(turn, np.zeros(3)) * origin(joint)
                 stated = joint.find("origin")
                 stated = add(joint, "origin") if stated is None else stated

@@ -57,7 +57,7 @@ def attachments(urdf: ElementTree.Element, robot: RobotModel) -> dict[str, tuple
             elif joint.get("name") in robot.joint_names:
                 found[link] = (robot.joint_names.index(joint.get("name", "")), pinocchio.SE3.Identity())
             else:
-                body, pose = attach(_link(joint, "parent"))
+                body, pose = attach(link_at(joint, "parent"))
                 found[link] = (body, pose * origin(joint))
         return found[link]
 
@@ -74,7 +74,7 @@ def origin(element: ElementTree.Element) -> pinocchio.SE3:
 
 def root_link(urdf: ElementTree.Element) -> str:
     """The link that no joint moves; the first in the file need not be it."""
-    moved = {_link(joint, "child") for joint in urdf.findall("joint")}
+    moved = {link_at(joint, "child") for joint in urdf.findall("joint")}
     return next(link.get("name", "") for link in urdf.findall("link") if link.get("name") not in moved)
 
 
@@ -82,7 +82,7 @@ def arm_of(urdf: ElementTree.Element, robot: RobotModel) -> Arm:
     """The bodies of a robot's URDF tree."""
     attached = attachments(urdf, robot)
     joints = {joint.get("name"): joint for joint in urdf.findall("joint")}
-    own = {_link(joints[name], "child"): index for index, name in enumerate(robot.joint_names)}
+    own = {link_at(joints[name], "child"): index for index, name in enumerate(robot.joint_names)}
     names = {-1: root_link(urdf), **{index: link for link, index in own.items()}}
     shapes: dict[int, list[Shape]] = {body: [] for body in names}
     frames: dict[int, list[tuple[str, pinocchio.SE3]]] = {body: [] for body in names}
@@ -131,12 +131,13 @@ def joint_placement(robot: RobotModel, urdf: ElementTree.Element, joint: int) ->
     the shoulder, their file from the floor: there the file counts.
     """
     element = next(item for item in urdf.findall("joint") if item.get("name") == robot.joint_names[joint])
-    _, parent = attachments(urdf, robot)[_link(element, "parent")]
+    _, parent = attachments(urdf, robot)[link_at(element, "parent")]
     stated = parent * origin(element)
     exact = pinocchio.SE3(robot.kinematics.rotation[joint], robot.kinematics.translation[joint])
     return exact if np.abs(stated.homogeneous - exact.homogeneous).max() < 1e-4 else stated
 
 
-def _link(joint: ElementTree.Element, end: str) -> str:
+def link_at(joint: ElementTree.Element, end: str) -> str:
+    """Name of the link at one end of a joint, "parent" or "child"; '' where the joint states none."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")

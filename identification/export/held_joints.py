@@ -13,6 +13,7 @@ import pinocchio
 from identification.export.arm import origin
 from identification.export.xml_text import add, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
+from identification.robots.locking import motion_along
 
 _OF_A_MOTION = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration", "origin")
 
@@ -53,6 +54,4 @@ def _motion(joint: ElementTree.Element, position: float) -> pinocchio.SE3:
     stated = joint.find("axis")
     axis = np.array(("1 0 0" if stated is None else stated.get("xyz", "1 0 0")).split(), dtype=np.float64)
     axis /= np.linalg.norm(axis)
-    if joint.get("type") == "prismatic":
-        return pinocchio.SE3(np.eye(3), position * axis)
-    return pinocchio.SE3(pinocchio.AngleAxis(position, axis).toRotationMatrix(), np.zeros(3))
+    return motion_along(axis, position, revolute=joint.get("type") != "prismatic")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.export.arm import attachments, joint_placement, origin
+from identification.export.arm import attachments, joint_placement, link_at, origin
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
 from identification.robots import RobotModel
@@ -36,8 +36,7 @@ def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelPa
     for joint in (item for item in urdf.findall("joint") if item.get("name") in robot.joint_names):
         index = robot.joint_names.index(joint.get("name", ""))
         _set_origin(joint, urdf, robot, index)
-        child = joint.find("child")
-        name = "" if child is None else child.get("link", "")
+        name = link_at(joint, "child")
         link = next(item for item in urdf.findall("link") if item.get("name") == name)
         inertial = ElementTree.Element("inertial")
         link.insert(0, inertial)
@@ -53,8 +52,7 @@ def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelPa
 
 
 def _set_origin(joint: ElementTree.Element, urdf: ElementTree.Element, robot: RobotModel, index: int) -> None:
-    parent = joint.find("parent")
-    _, carrier = attachments(urdf, robot)["" if parent is None else parent.get("link", "")]
+    _, carrier = attachments(urdf, robot)[link_at(joint, "parent")]
     exact = carrier.inverse() * joint_placement(robot, urdf, index)
     if np.abs(exact.homogeneous - origin(joint).homogeneous).max() < 1e-14:
         return

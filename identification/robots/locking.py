@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.errors import RobotError
 from identification.robots.flange import Flange
 from identification.robots.model import Kinematics, Mimic, RobotModel, build_pinocchio_model, snap_to_right_angles
@@ -123,7 +124,12 @@ def _without(
 
 def _moved(robot: RobotModel, joint: int, held: Mapping[str, float]) -> pinocchio.SE3:
     """Motion of a held joint from zero to where it stands."""
-    axis, position = robot.kinematics.axis[joint], held[robot.joint_names[joint]]
-    if robot.kinematics.revolute[joint]:
+    tree = robot.kinematics
+    return motion_along(tree.axis[joint], held[robot.joint_names[joint]], revolute=bool(tree.revolute[joint]))
+
+
+def motion_along(axis: FloatArray, position: float, *, revolute: bool) -> pinocchio.SE3:
+    """Motion of a joint from zero to a position, rad (m), about (along) a unit axis (3,) in its own frame."""
+    if revolute:
         return pinocchio.SE3(pinocchio.AngleAxis(position, axis).toRotationMatrix(), np.zeros(3))
     return pinocchio.SE3(np.eye(3), position * axis)
