@@ -40,12 +40,7 @@ def torque_regressor(robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: Floa
     Link frames are the joint frames; the tensor entries are those about the frame's origin, eq. (4). Raises ValueError
     when the three arrays are not of one shape (S, n).
     """
-    samples = _check_states(robot.n, q, dq, ddq)
-    result = np.empty((samples, robot.n, len(INERTIAL_SYMBOLS) * robot.n))
-    wanted = [_ALL_PARAMETERS] * robot.n
-    for rows, columns in rigid_body_columns(robot, q, dq, ddq, wanted):
-        result[rows] = columns.transpose(2, 1, 0)
-    return result
+    return _matrix_of(robot, q, dq, ddq, [_ALL_PARAMETERS] * robot.n)
 
 
 def rigid_body_columns(
@@ -70,8 +65,14 @@ def link_columns(
     robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: FloatArray, link: int, entries: Sequence[int]
 ) -> FloatArray:
     """(S, n, len(entries)) torque per unit of some parameters of one link (from 0), by their positions in eq. (3)."""
-    wanted = [entries if other == link else () for other in range(robot.n)]
-    result = np.empty((len(q), robot.n, len(entries)))
+    return _matrix_of(robot, q, dq, ddq, [entries if other == link else () for other in range(robot.n)])
+
+
+def _matrix_of(
+    robot: RobotModel, q: FloatArray, dq: FloatArray, ddq: FloatArray, wanted: Sequence[Sequence[int]]
+) -> FloatArray:
+    """(S, n, columns) what `rigid_body_columns` gives, in one array."""
+    result = np.empty((_check_states(robot.n, q, dq, ddq), robot.n, sum(map(len, wanted))))
     for rows, columns in rigid_body_columns(robot, q, dq, ddq, wanted):
         result[rows] = columns.transpose(2, 1, 0)
     return result
@@ -172,7 +173,7 @@ class _Link:
     def of(cls, kinematics: Kinematics, link: int, wanted: Sequence[int], first: int) -> _Link:
         axis, placement = kinematics.axis[link], kinematics.rotation[link]
         revolute = bool(kinematics.revolute[link])
-        along, crossed = np.outer(axis, axis), _skew(axis)
+        along, crossed = np.outer(axis, axis), skew(axis)
         if revolute:
             turn = np.stack([placement @ along, placement @ (np.eye(3) - along), placement @ crossed], axis=-1)
         else:
@@ -356,7 +357,7 @@ def _slice(chosen: Sequence[int]) -> slice:
     return slice(int(chosen[0]), int(chosen[-1]) + 1, int(step))
 
 
-def _skew(vector: FloatArray) -> FloatArray:
+def skew(vector: FloatArray) -> FloatArray:
     """The matrix S(v), (3, 3), of the vector product: S(v) w = v × w."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

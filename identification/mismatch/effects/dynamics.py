@@ -17,6 +17,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
+from identification.regressor import skew
 from identification.robots.model import Kinematics
 
 Result = TypeVar("Result")
@@ -206,7 +207,7 @@ class _Chain:
             linear = linear + _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
             omega, alpha, linear = (_into(self.rotation[joint], vector) for vector in (omega, alpha, linear))
             rate, growth = axis[:, None] * velocity[:, joint], axis[:, None] * acceleration[:, joint]
-            across = (_skew(-axis) @ omega) * velocity[:, joint]
+            across = (skew(-axis) @ omega) * velocity[:, joint]
             if kinematics.revolute[joint]:
                 alpha = alpha + across + growth
                 omega = omega + rate
@@ -266,8 +267,8 @@ def _rotation(kinematics: Kinematics, joint: int, angle: FloatArray) -> FloatArr
     placement = kinematics.rotation[joint]
     if not kinematics.revolute[joint]:
         return np.repeat(placement[:, :, None], angle.size, axis=2)
-    skew = _skew(kinematics.axis[joint])
-    terms = (placement, placement @ skew, placement @ skew @ skew)
+    turn = skew(kinematics.axis[joint])
+    terms = (placement, placement @ turn, placement @ turn @ turn)
     return np.asarray(
         terms[0][..., None] + terms[1][..., None] * np.sin(angle) + terms[2][..., None] * (1.0 - np.cos(angle))
     )
@@ -287,14 +288,8 @@ def _body(parameters: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     over minus that cross product (6, 3). From the order of eq. (3).
     """
     mass, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters
-    moment = _skew(np.array([mx, my, mz]))
+    moment = skew(np.array([mx, my, mz]))
     return float(mass), moment, np.concatenate([[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], -moment])
-
-
-def _skew(vector: FloatArray) -> FloatArray:
-    """(3, 3) that makes the cross product with a vector from the left."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _into(rotation: FloatArray, vector: FloatArray) -> FloatArray:
@@ -308,9 +303,9 @@ def _out_of(rotation: FloatArray, vector: FloatArray) -> FloatArray:
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """(3, S) of vectors, one of which may be the same at all samples, (3, 1)."""
     if b.shape[1] == 1:
-        return _skew(-b[:, 0]) @ a
+        return skew(-b[:, 0]) @ a
     if a.shape[1] == 1:
-        return _skew(a[:, 0]) @ b
+        return skew(a[:, 0]) @ b
     result = np.empty((3, max(a.shape[1], b.shape[1])))
     for row, (i, j) in zip(result, ((1, 2), (2, 0), (0, 1)), strict=True):
         np.multiply(a[i], b[j], out=row)
