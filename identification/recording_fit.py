@@ -48,6 +48,7 @@ from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.recordings.units import wrong_torque_unit
 from identification.robots import RobotModel
+from identification.signals.processed import ProcessedSignals
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
 
@@ -230,16 +231,20 @@ def _feasibility(
     blocks: list[Block], regressor: BaseRegressor, estimate: LeastSquaresResult
 ) -> FeasibilityAnswer | None:
     """Can a robot have these base parameters, asked on the fitted motion; None if the program has no answer."""
-    signals = [block.signals for block in blocks]
-    motion = tuple(
-        np.concatenate([getattr(item, name) for item in signals]) for name in ("position", "velocity", "acceleration")
-    )
-    chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
-    states = (motion[0][chosen], motion[1][chosen], motion[2][chosen])
+    states = states_of([block.signals for block in blocks])
     try:
         return nearest_physical(estimate.values, regressor, states, std=estimate.std)
     except (SolverError, UndeterminedParametersError):
         return None
+
+
+def states_of(stretches: Sequence[ProcessedSignals]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions, velocities, accelerations (S, n) of some stretches, at most MOST_STATES, spread evenly."""
+    q, dq, ddq = (
+        np.concatenate([getattr(item, name) for item in stretches]) for name in ("position", "velocity", "acceleration")
+    )
+    chosen = np.linspace(0, len(q) - 1, min(MOST_STATES, len(q))).astype(int)
+    return q[chosen], dq[chosen], ddq[chosen]
 
 
 def _torque_sign(regressor: BaseRegressor, estimate: LeastSquaresResult, blocks: list[Block]) -> TorqueSign:

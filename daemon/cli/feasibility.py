@@ -11,8 +11,6 @@ from daemon.cli.app import app
 from daemon.cli.inputs import RecordedArm, RobotOption
 from daemon.cli.output import JsonOption, data, told_in_words
 
-MOST_STATES = 2000
-
 
 @app.command()
 def feasibility(
@@ -35,6 +33,7 @@ def feasibility(
     from identification.fitting.processing import process
     from identification.fitting.settings import FitSettings
     from identification.model_file import read_model
+    from identification.recording_fit import MOST_STATES, states_of
     from identification.robots import BUILT_IN_ROBOTS, load_robot
     from identification.robots.joint_units import in_units
 
@@ -46,18 +45,13 @@ def feasibility(
             for log in RecordedArm(robot).load(logs, model_robot=arm).recordings
             for stretch in process(log, arm, FitSettings()).stretches
         ]
-        motion = [
-            np.concatenate([getattr(item, name) for item in stretches])
-            for name in ("position", "velocity", "acceleration")
-        ]
+        states = states_of(stretches)
     elif arm.name in BUILT_IN_ROBOTS:
         trajectory = default_trajectory(arm.name)
-        motion = list(trajectory.evaluate(np.linspace(0.0, trajectory.period_s, MOST_STATES, endpoint=False)))
+        states = trajectory.evaluate(np.linspace(0.0, trajectory.period_s, MOST_STATES, endpoint=False))
     else:
         raise typer.BadParameter(f"{arm.name} has no shipped motion; name a recording of it after the model.")
-    chosen = np.linspace(0, len(motion[0]) - 1, min(MOST_STATES, len(motion[0]))).astype(int)
     base = BaseRegressor(arm, model.options)
-    states = (motion[0][chosen], motion[1][chosen], motion[2][chosen])
     spread = dict(zip(model.names, model.std.tolist(), strict=True))
     values = model.base_values(base)
     answer = nearest_physical(values, base, states, std=np.array([spread[name] for name in base.names]))
