@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from fixtures.real_recordings import real_recording
+from identification.fitting.rms import RmsTable
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import load_robot
-from identification.validation import RmsTable, validate_model
+from identification.validation import validate_model
 
 BASELINE = {
     "panda": (9.2, 1.2, 2.3, 1.2, 7.4, 3.7, 19.7),

@@ -19,7 +19,7 @@ from identification.errors import EstimationError
 from identification.fitting.delay import earlier
 from identification.fitting.processing import process
 from identification.fitting.rms import RmsRow, RmsTable, rms_of_rows
-from identification.fitting.settings import OF_SIGNALS, FitSettings, Progress, Split
+from identification.fitting.settings import OF_SIGNALS, FitSettings, Progress
 from identification.model_file import Model
 from identification.recording_fit import FitResult, fit_recordings
 from identification.recordings.independence import recording_names, refuse_repeated
@@ -27,17 +27,6 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import cutoff_as_far_as
 from identification.signals.processed import ProcessedSignals
-
-__all__ = [
-    "RmsRow",
-    "RmsTable",
-    "Split",
-    "as_fitted",
-    "cross_validate",
-    "measured_torque",
-    "torque_left",
-    "validate_model",
-]
 
 
 def validate_model(

@@ -15,12 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from identification.arrays import FloatArray
 from identification.robots import Kinematics
-
-IntArray = npt.NDArray[np.intp]
 
 PARAMETERS_PER_LINK = 10
 """M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ: the inertial part of eq. (3), in its order."""

@@ -17,6 +17,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, plain_name
 from identification.errors import ModelFileError, RecordingError
+from identification.fitting.rms import RmsTable
 from identification.fitting.settings import Split
 from identification.mismatch.baseline import baseline_values
 from identification.mismatch.effects import effect_named
@@ -31,7 +32,7 @@ from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.robots.simulator_models import read_with_drives
 from identification.signals.aperiodic import cutoff_as_far_as
-from identification.validation import RmsTable, validate_model
+from identification.validation import validate_model
 
 EffectJson = Mapping[str, Any]
 

@@ -13,8 +13,6 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
 
-__all__ = ["held_rows", "refuse_staircase", "rows_of_a_slower_source"]
-
 _TOGETHER = 0.7
 """Share of the moving channels that change in a row with news; of coarse sensors that repeat values, few do at once."""
 LONGEST_HELD_S = 0.025

@@ -13,8 +13,6 @@ from typing import Any
 from identification.arrays import FloatArray
 from identification.json_values import json_list, number, plain
 
-__all__ = ["ClassClaim", "ClassCurve", "ClassModel", "NearestForm", "Offer"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassCurve:
