@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
-from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.protection import not_a_recording
 
 if TYPE_CHECKING:
@@ -243,8 +243,7 @@ def recover(
     outcome = account_for_folder(log, report) if log.is_dir() else None
     fit = settle_fit(log) if log.is_dir() else ""
     if told_in_words(report.to_json(), json_file):
-        for sentence in report.sentences:
-            data(sentence)
+        data_lines(report.sentences)
         if outcome is not None:
             data(f"{log / 'run.json'} was missing and is written: {outcome.sentences[0]}")
         if log.is_dir() and (elsewhere := kept_elsewhere(log)):

@@ -10,7 +10,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.inputs import JointsOption, LogsArgument, RecordedArm, RobotOption, as_usage
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
 from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.cli.rms_view import show_rms
@@ -150,8 +150,7 @@ def show_fit(result: FitResult) -> None:
     if result.feasibility is not None:
         data(in_units(result.feasibility.sentence(), units))
     data(in_units(result.torque_delay.sentence(), units))
-    for note in result.notes:
-        data(f"note: {in_units(note, units)}")
+    data_lines(f"note: {in_units(note, units)}" for note in result.notes)
 
 
 def show_parameters(result: FitResult) -> None:

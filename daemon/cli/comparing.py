@@ -13,7 +13,7 @@ from daemon.cli.app import app
 from daemon.cli.inputs import RecordedArm, as_usage
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.protection import folder_to_write
 from daemon.folders import make_folder
 
@@ -143,8 +143,7 @@ def _changes(
             show_change(f"{first} → {file}", change)
         if trend is not None:
             data("The series:")
-            for sentence in trend.sentences:
-                data(f"  {sentence}")
+            data_lines(f"  {sentence}" for sentence in trend.sentences)
         if page is not None:
             data(f"Written to {page}")
 
@@ -210,8 +209,7 @@ def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) ->
         show_rms(RmsTable(lines), f"RMS of measured minus predicted torque per joint, {fitted}", unit=unit)
     for item in standings:
         data(f"{item.name}:")
-        for sentence in item.sentences:
-            data(f"  {sentence}")
+        data_lines(f"  {sentence}" for sentence in item.sentences)
 
 
 def show_change(title: str, change: Change) -> None:

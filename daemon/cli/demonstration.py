@@ -14,7 +14,7 @@ from daemon.cli.acquisition import show_preflight
 from daemon.cli.analysis import show_certificate
 from daemon.cli.app import app
 from daemon.cli.diagnosis import VERDICTS
-from daemon.cli.output import JsonOption, data, is_verbose, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, data_lines, is_verbose, show_table, wants_json_on_stdout, write_json
 from daemon.cli.protection import folder_to_write
 from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
@@ -162,15 +162,13 @@ def _show_tables(
         show_rms(table, f"{what[:1].upper()}{what[1:]}: RMS of measured minus modelled torque", percent=False)
     show_certificate(document["certificate"])
     data("6. Files")
-    for file in files:
-        data(f"   {file}")
+    data_lines(f"   {file}" for file in files)
 
 
 def show_verdict(diagnosis: dict[str, Any]) -> None:
     """Verdict, findings and what remains, as `diagnose` says them, and the joint that gains most on unused data."""
     data(f"   {VERDICTS[diagnosis['verdict']]}")
-    for finding in diagnosis["findings"]:
-        data(f"   - {finding['sentence']}")
+    data_lines(f"   - {finding['sentence']}" for finding in diagnosis["findings"])
     data(f"   {diagnosis['remaining']}")
     heldout = diagnosis["heldout"]
     if heldout is not None and diagnosis["findings"]:

@@ -13,7 +13,7 @@ import typer
 from daemon.cli import inputs as read
 from daemon.cli.app import app
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
 from daemon.cli.protection import folder_to_write, not_a_recording
 from daemon.jobs.batch import Task
@@ -127,10 +127,8 @@ def diagnose(
     if told_in_words(result.diagnosis.to_json(), json_file):
         show_diagnosis(result.diagnosis)
         if written is not None:
-            for line in written.lines:
-                data(f"Model: {line}")
-        for file in (*result.files, *(() if written is None else written.files)):
-            data(f"Written to {file}")
+            data_lines(f"Model: {line}" for line in written.lines)
+        data_lines(f"Written to {file}" for file in (*result.files, *(() if written is None else written.files)))
 
 
 def _refuse_as_target(target: Path, model: Path | None) -> None:
@@ -154,25 +152,19 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     """The verdict, each finding as a sentence with its numbers, what remains, and RMS per joint, on stdout."""
     from identification.mismatch.between_recordings import one_a_line
 
-    for sentence in set_up_lines(diagnosis):
-        data(sentence)
-    for sentence in verdict_lines(diagnosis):
-        data(sentence)
+    data_lines(set_up_lines(diagnosis))
+    data_lines(verdict_lines(diagnosis))
     remaining = diagnosis.remaining
     for fault in diagnosis.data_faults:
         data(f"Data: {fault.sentence}")
         remaining = remaining.removeprefix(fault.sentence).lstrip()
     for number, finding in enumerate(diagnosis.findings, start=1):
         data(f"{number}. {finding.sentence}")
-        for line in finding_lines(finding, diagnosis.torque_units):
-            data(f"   {line}")
-    for claim in diagnosis.unnamed:
-        data(claim.sentence)
-    for line in one_a_line(remaining):
-        data(line)
+        data_lines(f"   {line}" for line in finding_lines(finding, diagnosis.torque_units))
+    data_lines(claim.sentence for claim in diagnosis.unnamed)
+    data_lines(one_a_line(remaining))
     show_joints(diagnosis)
-    for note in diagnosis.notes:
-        data(f"note: {note}")
+    data_lines(f"note: {note}" for note in diagnosis.notes)
 
 
 def set_up_lines(diagnosis: Diagnosis) -> Sequence[str]:
@@ -311,8 +303,7 @@ def batch(
     page, table = write_summary(task, items, out)
     if told_in_words([item.to_json() for item in items], json_file):
         if not (sys.stdout.isatty() and sys.stderr.isatty()):  # there each stands above already
-            for item in items:
-                data(f"{'failed' if item.exit_code else 'done  '}  {item.name}: {item.sentence}")
+            data_lines(f"{'failed' if item.exit_code else 'done  '}  {item.name}: {item.sentence}" for item in items)
         data(f"As a table: {table}")
         data("The page to open:")
         data(f"  {page}")

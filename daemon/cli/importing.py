@@ -11,7 +11,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.inputs import RecordedArm, names_of
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, message, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, data_lines, message, wants_json_on_stdout, write_json
 
 if TYPE_CHECKING:
     from identification.recordings import Recording
@@ -70,8 +70,7 @@ def import_recording(
                 f"{file}: {recording.samples} samples of {recording.n} joints, {recording.duration_s:.3f} s, "
                 f"written to {target}"
             )
-            for finding in recording.report.findings:
-                data(f"  {finding.sentence}")
+            data_lines(f"  {finding.sentence}" for finding in recording.report.findings)
     if json_file is not None:
         write_json(json_file, results)
 

@@ -13,7 +13,7 @@ from daemon.cli.acquisition import RobotOption, ToolOption, WorkspaceOption, par
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
-from daemon.cli.output import JsonOption, data, message, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.protection import folder_to_write
 from daemon.cli.run import RobotHostOption, address_of, confirm_motion, version_of
@@ -123,11 +123,9 @@ def investigate(
     page = write_story(out, account)
     if told_in_words(msgspec.to_builtins(account), json_file):
         data(account.sentence)
-        for action in account.actions:
-            data(action)
+        data_lines(account.actions)
         if account.state is State.SETTLED:
-            for question in unasked(account.wanted):
-                data(question)
+            data_lines(unasked(account.wanted))
         data(f"The page to open: {page}")
     if code := exit_code(account):
         raise typer.Exit(code)

@@ -123,6 +123,12 @@ def data(text: str) -> bool:
     return _print(sys.stdout, text)
 
 
+def data_lines(texts: Iterable[str]) -> None:
+    """Results on stdout, each text on a line of its own."""
+    for text in texts:
+        data(text)
+
+
 def _print(stream: TextIO, text: str) -> bool:
     if not stream.isatty():
         return _write(stream, text + "\n")

@@ -13,7 +13,7 @@ from daemon.cli.app import app
 from daemon.cli.inputs import RecordedArm
 from daemon.cli.lists import AFTER, TwoLists
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, told_in_words
+from daemon.cli.output import JsonOption, data_lines, told_in_words
 
 if TYPE_CHECKING:
     from identification.audit.difference import Number
@@ -52,8 +52,7 @@ def payload(
     body = weigh(found.robot, found.recordings[:count], found.recordings[count:])
     stated = [found.recordings[place].source.metadata for place in (0, count)]
     if told_in_words(to_json(body, stated), json_file):
-        for line in lines_of(body, stated, found.robot.torque_unit):
-            data(line)
+        data_lines(lines_of(body, stated, found.robot.torque_unit))
 
 
 def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, message, show_table, wants_json_on_stdout, write_json
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, wants_json_on_stdout, write_json
 from daemon.cli.progress import progress_shown
 from daemon.cli.protection import folder_to_write
 from daemon.folders import make_folder
@@ -180,8 +180,7 @@ def _show(source: Source, proven: list[ProvenCase], out: Path | None) -> None:
     data(f"World: {source.world}{', sealed families' if source.sealed else ''}")
     show_proof(source.world, [case.score for case in proven])
     data("Wrong, superfluous or missing (λ ≥ 60) names:")
-    for line in wrong_answers([(case.index, case.score) for case in proven]) or ["none"]:
-        data(f"  {line}")
+    data_lines(f"  {line}" for line in wrong_answers([(case.index, case.score) for case in proven]) or ["none"])
     world = "".join(f" {word}" for word in source.arguments[2:] if word != "--serve")
     data(f"One of these cases again: python -m fixtures.cases{world} --case I --out DIR")
     if out is not None:

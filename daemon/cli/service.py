@@ -18,7 +18,7 @@ from daemon.cli.app import app
 from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import JsonOption, data, message, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
 
@@ -343,6 +343,5 @@ def keys(
 
     made = create_keys(out, client)
     if told_in_words([str(file) for file in made], json_file):
-        for file in made:
-            data(str(file))
+        data_lines(str(file) for file in made)
         message(f"Give {client}.key_secret and server.key to that client alone; everything else stays here.")

@@ -10,7 +10,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.inputs import RecordedArm, as_usage
-from daemon.cli.output import JsonOption, data, message, show_table, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
 
@@ -72,13 +72,10 @@ def export(
     if not told_in_words(written, json_file):
         return
     data(f"Written to {result.path}")
-    for agreement in result.agreements:
-        data(in_units(agreement.sentence(), model.load_robot().units))
+    data_lines(in_units(agreement.sentence(), model.load_robot().units) for agreement in result.agreements)
     if result.origins is not None:
-        for sentence in result.origins.sentences():
-            data(sentence)
-    for note in result.notes:
-        data(f"note: {note}")
+        data_lines(result.origins.sentences())
+    data_lines(f"note: {note}" for note in result.notes)
     if result.effects_path is not None:
         data(f"Effects that no simulator model holds are in {result.effects_path}")
 
@@ -169,8 +166,7 @@ def simulate(
     result = {**comparison.to_json(), "motor_inertia": motors.tolist(), "motor_note": sentence}
     if not told_in_words(result, json_file):
         return
-    for line in (*comparison.sentences, sentence):
-        data(line)
+    data_lines((*comparison.sentences, sentence))
     data("RMS of position differences per joint, mrad (mm):")
     positions = comparison.position_rms()
     show_table(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.output import JsonOption, data, told_in_words
+from daemon.cli.output import JsonOption, data, data_lines, told_in_words
 from daemon.cli.protection import folder_to_write
 from daemon.cli.simulation import MotorInertiaOption, motor_prior, read_back
 from daemon.folders import make_folder
@@ -64,7 +64,5 @@ def twin(
         data(sentence)
     for result in results.values():
         data(f"Written to {result.path}")
-        for agreement in result.agreements:
-            data(f"  {in_units(agreement.sentence(), robot.units)}")
-    for note in dict.fromkeys(note for result in results.values() for note in result.notes):
-        data(f"note: {note}")
+        data_lines(f"  {in_units(agreement.sentence(), robot.units)}" for agreement in result.agreements)
+    data_lines(f"note: {note}" for note in dict.fromkeys(note for result in results.values() for note in result.notes))

@@ -14,7 +14,7 @@ import typer
 from daemon.cli.app import app
 from daemon.cli.live_view import REFRESH_S, LiveOptions, LiveScreen, live_served
 from daemon.cli.option_groups import grouped
-from daemon.cli.output import data, message, wants_json_on_stdout
+from daemon.cli.output import data, data_lines, message, wants_json_on_stdout
 from daemon.cli.protection import in_its_folder, not_a_recording
 from daemon.errors import DaemonError, MissingInputError
 
@@ -211,5 +211,4 @@ def _show_ended(run: Path) -> None:
 
     outcome = read_json(run / "run.json", RunOutcome)
     message(f"{run} has ended; there is nothing live to see.")
-    for sentence in outcome.sentences:
-        data(sentence)
+    data_lines(outcome.sentences)
