@@ -22,6 +22,7 @@ from identification.mismatch.changes.lasting import find_drift, find_payload, fi
 from identification.mismatch.changes.uncertainty import shape_covariance
 from identification.mismatch.effects.base import CERTAIN, Effect, Estimate, Place
 from identification.mismatch.effects.external_contact import ExternalContact
+from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrift
@@ -124,8 +125,8 @@ def _search(
     length = float(time[-1] - time[0])
     ends = [(-BESIDE_FLAGGED_S, BESIDE_FLAGGED_S), (length - BESIDE_FLAGGED_S, length + BESIDE_FLAGGED_S)]
     closed = _Closed(
-        drift={_joint(place) for name, place in banned if name == TorqueSensorDrift.name},
-        thermal={_joint(place) for name, place in banned if name == ThermalFriction.name},
+        drift={joint_index(place) for name, place in banned if name == TorqueSensorDrift.name},
+        thermal={joint_index(place) for name, place in banned if name == ThermalFriction.name},
         spans=ends
         + [
             (low + shift * period, high + shift * period)
@@ -166,12 +167,6 @@ def _search(
                 return changes
         del claimed[weakest]
     return []
-
-
-def _joint(place: Place) -> int:
-    """Joint of a place, from 0."""
-    assert place.joint is not None
-    return place.joint - 1
 
 
 def _candidate(contrasts: Contrasts, effect: Effect, closed: _Closed, least: float) -> Candidate | None:

@@ -24,6 +24,7 @@ from identification.mismatch.changes.candidates import (
 )
 from identification.mismatch.changes.contrasts import Contrasts, Fit, solve
 from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, STEP, TorqueSensorDrift
@@ -94,15 +95,14 @@ def find_thermal(contrasts: Contrasts, effect: ThermalFriction, closed: Collecti
     parameter = effect.shape_parameters(motion, Place())[0]
     longest = min(parameter.upper, LONGEST_TIME * float(starts[-1] + motion.time[-1]))
     grid = [time for time in parameter.grid if time < longest] or [longest]
-    places = [place for place in effect.places(motion) if place.joint is not None and place.joint - 1 not in closed]
+    places = [place for place in effect.places(motion) if joint_index(place) not in closed]
     for place in places:
-        assert place.joint is not None
         found = contrasts.repeated(effect, place, {})
         if found is None:
             continue
         white = contrasts.whiten_repeated(found[2], found[0])[:, 0]
         basis = np.linalg.qr(white)[0]
-        seen = contrasts.z[:, :, place.joint - 1] @ basis
+        seen = contrasts.z[:, :, joint_index(place)] @ basis
         for time in grid:
             weight = np.exp(-starts / time)
             weight = (weight - weight.mean()) / np.linalg.norm(weight - weight.mean())

@@ -11,6 +11,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
+from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
 REFERENCE_VELOCITY = 0.5
@@ -48,11 +49,11 @@ class ThermalFriction(EnvelopedEffect):
         self, motion: Motion, place: Place, shape: Mapping[str, float]
     ) -> tuple[tuple[int, ...], FloatArray] | None:
         """Velocity and its sign on one joint."""
-        assert place.joint is not None
-        velocity = motion.velocity[:, place.joint - 1]
+        joint = joint_index(place)
+        velocity = motion.velocity[:, joint]
         if not np.any(velocity):
             return None
-        return (place.joint - 1,), np.stack([velocity, motion.direction[:, place.joint - 1]], axis=1)[:, None, :]
+        return (joint,), np.stack([velocity, motion.direction[:, joint]], axis=1)[:, None, :]
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """exp(−t/T)."""

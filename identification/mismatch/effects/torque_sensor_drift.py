@@ -11,6 +11,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import linear, shaped
 from identification.mismatch.effects.enveloped import EnvelopedEffect, record_time
+from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
 LINEAR, EXPONENTIAL, STEP = 0, 1, 2
@@ -47,8 +48,7 @@ class TorqueSensorDrift(EnvelopedEffect):
         self, motion: Motion, place: Place, shape: Mapping[str, float]
     ) -> tuple[tuple[int, ...], FloatArray] | None:
         """A constant torque on one joint."""
-        assert place.joint is not None
-        return (place.joint - 1,), np.ones((motion.samples, 1, 1))
+        return (joint_index(place),), np.ones((motion.samples, 1, 1))
 
     def envelope(self, motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         """The chosen course over the whole recording; a step rises within one sample, so that it can be refined."""
