@@ -80,11 +80,11 @@ def compare_encoders(fitted: Sequence[Recording], unseen: Sequence[Recording]) -
         halves = [[np.array_split(array, 2) for array in part] for part in parts]
         others = [(a[1], b[1], c[1]) for a, b, c in halves]
         parts = [(a[0], b[0], c[0]) for a, b, c in halves]
-    found = []
-    for joint in range(fitted[0].n):
-        if all(np.isfinite(part[0][:, joint]).all() and np.ptp(part[0][:, joint]) > 0.0 for part in (*parts, *others)):
-            found.append(_judged(joint, parts, others))
-    return tuple(found)
+    return tuple(
+        _judged(joint, parts, others)
+        for joint in range(fitted[0].n)
+        if all(np.isfinite(part[0][:, joint]).all() and np.ptp(part[0][:, joint]) > 0.0 for part in (*parts, *others))
+    )
 
 
 _Part = tuple[FloatArray, FloatArray, FloatArray]
