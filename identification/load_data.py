@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.regressor import link_columns
 from identification.robots.model import RobotModel
 
@@ -80,7 +79,7 @@ def unknown_load(
     return UnknownLoad(float(found[0]), found[1:4] / found[0], min(shares), rms[0], rms[1])
 
 
-def _left(columns: FloatArray, external: FloatArray, fitted: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+def _left(columns: FloatArray, external: FloatArray, fitted: BoolArray) -> tuple[FloatArray, FloatArray]:
     """What least squares on the rows `fitted` leave on all rows, (S, n), and the parameters."""
     width = columns.shape[2]
     found, *_ = np.linalg.lstsq(columns[fitted].reshape(-1, width), external[fitted].ravel(), rcond=None)

@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.robots.model import Kinematics, RobotModel
 
 INERTIAL_SYMBOLS = ("M", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
@@ -343,7 +342,7 @@ def _to_leaders(coupling: Sequence[tuple[int, int, float, bool]], out: FloatArra
         out[:, follower] = 0.0
 
 
-def _blocks(used: npt.NDArray[np.bool_], rows: Sequence[int]) -> tuple[tuple[slice, slice], ...]:
+def _blocks(used: BoolArray, rows: Sequence[int]) -> tuple[tuple[slice, slice], ...]:
     """Rectangles (rows, columns) that hold all entries in use of some rows of a (3, 3) matrix, each row in one."""
     rows_of: dict[tuple[int, ...], list[int]] = {}
     for row in rows:

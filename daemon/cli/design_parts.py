@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import typer
 
 from daemon.cli.output import data, message, show_table
 from daemon.cli.protection import in_its_folder
 from daemon.motion.clearance import Room, room_of, safe_in
 from daemon.motion.workspace import Surroundings, load_surroundings
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
 from identification.excitation import FourierTrajectory, Trajectory, default_trajectory
@@ -35,8 +35,6 @@ from identification.robots.installation import Installation
 from identification.robots.joint_units import in_units
 from safety.limits import limits_for
 from safety.preflight_distance import SampledPath, nearest_sentence
-
-FloatArray = npt.NDArray[np.float64]
 
 SHOWN_LOAD_KG, SHOWN_CENTER_MM = 2.0, 2.0
 

@@ -15,21 +15,19 @@ import msgspec
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from numpy.typing import NDArray
 
 from daemon.api import RunOutcome, RunRequest
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.log.cdr import state_counters
 from daemon.motion.torque_foresight import TorqueForesight
 from fri_client.messages import MonitoringMessage
+from identification.arrays import FloatArray
 from identification.errors import IdentificationError
 from identification.load_data import LEAST_SHARE, UnknownLoad, unknown_load, weight_at_rest
 from identification.robots import load_robot
 from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import Installation
 from safety.geometry import FLANGE_M
-
-FloatArray = NDArray[np.float64]
 
 SPACING_S = 0.01
 AT_REST_RAD = 1e-3

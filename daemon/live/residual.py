@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.live.frame import LiveFrame
 from daemon.motion.torque_foresight import TorqueForesight
-
-FloatArray = NDArray[np.float64]
+from identification.arrays import FloatArray
 
 WIDEST_S = 0.06
 """Frames of a stretch with lost messages are farther apart; no acceleration is taken over it."""

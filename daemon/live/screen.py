@@ -8,16 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from daemon.live.frame import LiveFrame
 from daemon.live.residual import REMARKABLE
+from identification.arrays import FloatArray
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, JointLimits
-
-FloatArray = NDArray[np.float64]
 
 _NEAR, _TOO_NEAR = 0.75, 0.9
 """Share of a limit from which a bar is yellow, and red."""

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.errors import DaemonError
@@ -17,10 +15,9 @@ from daemon.live.frame import LiveFrame
 from daemon.live.residual import LiveResidual, Modelled, noise_sentence
 from daemon.live.screen import Screen
 from daemon.motion.torque_foresight import foresight_of_run
+from identification.arrays import FloatArray
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
-
-FloatArray = NDArray[np.float64]
 
 
 class Watcher:

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from daemon.motion.preparation import LEAD_IN_S, TABLE_RATE_HZ, check_table
 from daemon.motion.torque_foresight import torque_foresight
 from daemon.motion.workspace import Surroundings
+from identification.arrays import FloatArray
 from identification.excitation.fourier import Trajectory
 from identification.excitation.objective import Samples
 from identification.robots import Installation
 from identification.robots.installation import ON_THE_FLOOR
 from safety.collision import ForbiddenBox, Workspace, self_collision_pairs
 from safety.geometry import RobotGeometry
-
-FloatArray = NDArray[np.float64]
 
 _STOPPING_ROOM_M = 0.18
 """Beyond the margins: what stops add, and the proof between stops (150 mm at the speeds of a full excitation)."""

@@ -14,17 +14,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from daemon.errors import ConfigurationError, LogIOError
 from daemon.motion.preparation import TABLE_RATE_HZ, PreparedMotion, start_row_of
+from identification.arrays import FloatArray
 from safety.collision import ForbiddenBox, Workspace
 from safety.geometry import RobotGeometry
 from safety.limits import limits_for
 from safety.preflight import start_path
-
-FloatArray = NDArray[np.float64]
 
 _PATH, _LIMIT, _ARM, _OBSTACLE, _RAMP = "#1f5fa8", "#c0392b", "#8a8f98", "#d98c21", "#2a7d4f"
 _VIEWS = ((0, 1, "from above"), (0, 2, "from the right"), (1, 2, "from the front"))

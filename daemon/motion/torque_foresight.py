@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.errors import DaemonError
 from daemon.motion.tool import Tool
 from daemon.motion.workspace import load_surroundings
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import IdentificationError, ModelFileError
 from identification.excitation.nominal import nominal_parameters
@@ -25,8 +25,6 @@ from identification.physical_parameters import PhysicalParameters
 from identification.robots import BUILT_IN_ROBOTS, Installation, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from safety.geometry import FLANGE_M
-
-FloatArray = NDArray[np.float64]
 
 SAME_GRAVITY = 0.02
 """m/s², by axis: what 9.81 leaves open of the gravity of a place."""

@@ -13,16 +13,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fri_client.motion.path import MotionPath
 from fri_client.motion.re_entry import ReEntry, plan_braking, plan_re_entry, re_entry_steps
 from fri_client.motion.table import command_stride, state_of_row
-from safety.limits import JointLimits
+from safety.limits import FloatArray, JointLimits
 from safety.path_stop import PathStop, PathStops
 from safety.ramps import Ramp, plan_start_ramp, plan_stop_ramp
-
-FloatArray = NDArray[np.float64]
 
 _ROWS_BEFORE_PATH_STOP = 3
 """Commands on the table before a stop may keep to it: its first differences reach back so far."""

@@ -7,12 +7,10 @@ which step is due (`motion`).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from safety.limits import FloatArray
 from safety.path_stop import PathStops
 from safety.ramps import Ramp
-
-FloatArray = NDArray[np.float64]
 
 
 class MotionPath:

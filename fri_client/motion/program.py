@@ -21,9 +21,6 @@ import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode
 from fri_client.motion.course import Course
@@ -32,11 +29,9 @@ from fri_client.motion.stop import MotionStop
 from fri_client.motion.stop_reason import StopKind, StopReason, too_much_torque
 from fri_client.motion.table import MotionError, checked_table, command_stride
 from safety.guard import CommandGuard, GuardVerdict, Judged
-from safety.limits import JointLimits
+from safety.limits import FloatArray, JointLimits
 
 __all__ = ["Foreseen", "MotionError", "MotionProgram", "StopKind", "StopReason", "command_stride"]
-
-FloatArray = NDArray[np.float64]
 
 _WAITING, _START_RAMP, _LEAD_IN, _EXCITATION, _STOP_RAMP, _HOLD, _LATCHED, _DONE = (int(phase) for phase in MotionPhase)
 

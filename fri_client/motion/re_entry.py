@@ -18,11 +18,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from safety.limits import FloatArray
 from safety.path_stop import PathStop
-
-FloatArray = NDArray[np.float64]
 
 BRIDGED_S = 0.01
 """Time without a command that a robot spans by itself: the longest command period of PROTOCOL section 7."""

@@ -6,11 +6,9 @@ Pure functions on arrays. `motion` calls them when a motion is built; limits are
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fri_client.errors import FriError
-
-FloatArray = NDArray[np.float64]
+from safety.limits import FloatArray
 
 _RELATIVE_GRID_TOLERANCE = 1e-6
 

@@ -10,9 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import GRAVITY, HEAVY, INERTIAL, PARAMETERS, Geometry, across
 from identification.audit.evidence import Products, between_parts, log_evidence, posterior, products_of
 
@@ -77,7 +76,7 @@ class Directions:
         return result, seen
 
     @property
-    def _heavy(self) -> npt.NDArray[np.int64]:
+    def _heavy(self) -> IntArray:
         """Which of a set-up's columns feel gravity."""
         return (PARAMETERS * np.arange(self.n)[:, None] + np.arange(HEAVY)).ravel()
 

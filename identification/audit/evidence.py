@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
 from identification.arrays import BoolArray, FloatArray, IntArray
@@ -36,7 +35,7 @@ class Products:
             np.einsum("pja,j->a", self.right[chosen], weight),
         )
 
-    def left(self, parts: Sequence[int], values: FloatArray, columns: npt.NDArray[np.int64]) -> FloatArray:
+    def left(self, parts: Sequence[int], values: FloatArray, columns: IntArray) -> FloatArray:
         """(n,) sum of squares that (k,) values of some columns leave on some parts."""
         chosen = list(parts)
         gram = self.gram[chosen][:, :, columns][..., columns]
@@ -84,7 +83,7 @@ def posterior(gram: FloatArray, right: FloatArray, factor: FloatArray) -> Estima
     return Estimate(values, factor @ cho_solve(root, factor.T))
 
 
-def marginal(gram: FloatArray, right: FloatArray, base: npt.NDArray[np.int64], factor: FloatArray) -> tuple[
+def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatArray) -> tuple[
     FloatArray, FloatArray
 ]:  # fmt: skip
     """Gram and right side of all columns where those of the base with prior F Fᵀ are integrated out."""

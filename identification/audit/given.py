@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.rows import Rows
 from identification.base_parameters import BaseRegressor
@@ -160,7 +159,7 @@ def _delay(entry: Mapping[str, Any]) -> tuple[float, float]:
     return float(common), float(np.hypot(std, DAILY_DELAY_S))
 
 
-def places_of(regressor: BaseRegressor) -> npt.NDArray[np.int64]:
+def places_of(regressor: BaseRegressor) -> IntArray:
     """Where the regressor's dynamic parameters stand among the fourteen of each link."""
     symbols = (*SYMBOLS[:INERTIAL], *regressor.options.symbols)
     return np.array(

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.given import Sizes
 
@@ -110,7 +109,7 @@ class Hypothesis:
         return self.link is not None
 
 
-def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolute: npt.NDArray[np.bool_]) -> list[
+def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolute: BoolArray) -> list[
     Hypothesis
 ]:  # fmt: skip
     """Every hypothesis. rms: (K,) of each column over all joints; columns that are zero have no hypothesis.

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.difference import Difference
 from identification.audit.foretold import foretold, lacking_friction
@@ -46,7 +45,7 @@ class WrittenBack:
     measured: FloatArray
     before: FloatArray
     after: FloatArray
-    used: npt.NDArray[np.bool_]
+    used: BoolArray
     spacing_s: float
     units: tuple[str, ...]
     put_right: bool

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as fisher
 
 from identification.arrays import BoolArray, FloatArray, IntArray
@@ -34,7 +33,7 @@ class Residuals:
     rows: FloatArray
     noise: FloatArray
     sensor_noise: FloatArray
-    used: npt.NDArray[np.bool_]
+    used: BoolArray
     samples: int
     scatter: FloatArray
 

@@ -6,10 +6,9 @@ Here: variances and the degrees of freedom behind them. Not here: misfit, which 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtr, chdtri, fdtrc
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 
 # Of the K − 1 differences this share, the largest, is left out: a contact or a step in a few periods is no noise.
 TRIMMED_SHARE = 0.25
@@ -67,7 +66,7 @@ def noise_of_mean(period_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(np.maximum(variance, floor) / periods), freedom
 
 
-def _neighbours(lines: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _neighbours(lines: int) -> tuple[IntArray, IntArray]:
     """First and one past the last of the lines (from 0 for line 1) that are averaged around each line."""
     number = np.arange(1, lines + 1)
     half = np.minimum(np.maximum(3, number // 10), number // 3)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
 
@@ -32,7 +32,7 @@ KEPT_PRINTS = 512
 PRINT_DIGITS = 8
 """Of each there, hexadecimal: two of 512 and of a million samples agree by accident once in eight recordings."""
 
-Prints = npt.NDArray[np.int64]
+Prints = IntArray
 
 
 def recording_names(recordings: Sequence[Recording]) -> list[str]:
@@ -179,7 +179,7 @@ def _fingerprints(recording: Recording) -> Prints:
         return np.asarray((whole[1:][moving] * multipliers).sum(axis=1), dtype=np.int64)
 
 
-def _rounded(rows: npt.NDArray[np.float64]) -> Prints:
+def _rounded(rows: FloatArray) -> Prints:
     """Numbers in steps of the last decimal kept, or of the last digit where that is coarser."""
     digits = np.floor(np.log10(np.maximum(np.abs(rows), np.finfo(np.float64).tiny)))
     step = 10.0 ** np.maximum(digits - (KEPT_DIGITS - 1) + KEPT_DECIMALS, 0.0)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.signals.processed import LinearOperator, unchanged
 
 STANDSTILL_VELOCITY = 1e-3
@@ -70,7 +69,7 @@ def over_standstills(velocity: FloatArray, step_s: float) -> LinearOperator:
     return bridge
 
 
-def _marked_around(marks: npt.NDArray[np.bool_], width: int) -> npt.NDArray[np.int64]:
+def _marked_around(marks: BoolArray, width: int) -> IntArray:
     """How many of the `width` (odd) samples around each one are marked, along axis 0 on a circle."""
     half = width // 2
     around = np.take(marks, np.arange(-half - 1, len(marks) + half), axis=0, mode="wrap")

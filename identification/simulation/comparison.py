@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pinocchio
 from scipy.interpolate import CubicHermiteSpline
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.excitation import Trajectory
 from identification.export.parameters import ModelParameters
 from identification.fitting.delay import earlier
@@ -79,7 +79,7 @@ class Comparison:
     simulated_torque: FloatArray
     inverse_dynamics_torque: FloatArray
     measured_torque: FloatArray | None
-    compared: npt.NDArray[np.bool_]
+    compared: BoolArray
     noise_floor_nm: FloatArray
     result: SimulationResult
     sentences: tuple[str, ...]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.base_parameters import direction_of
 from identification.errors import SimulationError
 from identification.export.parameters import ModelParameters, refuse_unmovable
@@ -53,7 +53,7 @@ class SimulationSettings:
     """
 
     motor_inertia: FloatArray | None = None
-    motor_inertia_in_torque: bool | npt.NDArray[np.bool_] = False
+    motor_inertia_in_torque: bool | BoolArray = False
     duration_s: float | None = None
     lead_in_s: float = 0.0
     step_s: float = 0.001

@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 from identification.mismatch.evidence import Evidence
@@ -224,7 +223,7 @@ def _unsteadiness(evidence: Evidence, weight: FloatArray) -> FloatArray:
     return np.where(ratio > UNSTEADY, ratio, 1.0)
 
 
-def _hum(evidence: Evidence) -> npt.NDArray[np.bool_]:
+def _hum(evidence: Evidence) -> BoolArray:
     """(R, n) rows above the motion's band on which the periods differ far more than on the lines around.
 
     Mains hum that is not in step with the periods turns its phase from one to the next. The noise of a line is that of

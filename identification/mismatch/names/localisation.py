@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.figures import Curve
 from identification.mismatch.problem import BAND_EDGES_HZ
@@ -143,7 +142,7 @@ def time_windows(time: FloatArray, series: FloatArray) -> tuple[list[list[float]
     return [[round(low, 6), round(high, 6)] for low, high in result], enough / SCANS
 
 
-def _bins(values: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray, FloatArray]:
+def _bins(values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Bins of about equal count: index of each sample, centres, counts."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
     index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(edges.size - 2, 0)).astype(np.int64)
