@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from daemon.investigate.account import Account, Motion, Recorded, Step, read_account
-from daemon.investigate.loop import Drive, Investigation
+from daemon.investigate.loop import Drive, Investigation, Tell
 from daemon.investigate.motions import FIRST_PERIODS, SECOND_PERIODS
 from daemon.investigate.states import State
 from daemon.investigate.story import write_story
@@ -45,7 +45,6 @@ _ONE_MOTION = 4
 TOLD_APART = 100.0
 """Odds at which one of a pair is out, as they let a name stand alone (docs/mismatch.md)."""
 MASS_KG, MASS_PLACE_M = 2.0, (0.02, 0.0, 0.05)
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,11 @@ What counts as right is decided here and nowhere else. ``prove_table`` sums the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from daemon.proof.classes import class_answer, excess_removed
+from daemon.proof.classes import Json, class_answer, excess_removed
 
-Json = Mapping[str, Any]
 _IN_SI = {"%": (0.01, "1"), "mrad": (1e-3, "rad"), "ms": (1e-3, "s"), "°": (math.pi / 180.0, "rad")}
 # On an iiwa the axis after these joints crosses theirs, so its torque is one of their bending moments.
 _BENT_BY_NEXT_JOINT = (1, 3, 5, 6)
