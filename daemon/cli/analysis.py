@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import JointsOption, LogsArgument, RecordedArm, RobotOption, as_usage
+from daemon.cli.inputs import JointsOption, LogsArgument, ModelArgument, RecordedArm, RobotOption, as_usage
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.progress import progress_shown
@@ -181,7 +181,7 @@ def show_certificate(certificate: dict[str, Any]) -> None:
 
 @app.command()
 def validate(
-    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")],
+    model_file: ModelArgument,
     logs: LogsArgument,
     robot: RobotOption = None,
     joints: JointsOption = None,

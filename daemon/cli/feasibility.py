@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import RecordedArm, RobotOption
+from daemon.cli.inputs import ModelArgument, RecordedArm, RobotOption
 from daemon.cli.output import JsonOption, data, told_in_words
 
 
 @app.command()
 def feasibility(
-    model_file: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")],
+    model_file: ModelArgument,
     logs: Annotated[
         list[Path] | None, typer.Argument(help="Motion to judge on; default: the shipped excitation of an iiwa.")
     ] = None,

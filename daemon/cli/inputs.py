@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 LogsArgument = Annotated[
     list[Path], typer.Argument(help="Recordings: .mcap, .npz, .csv, .db3, run folders or ROS 2 bag folders.")
 ]
+ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")]
 RobotOption = Annotated[str | None, typer.Option("--robot", help="iiwa14, iiwa7, a URDF or an MDH table (CSV).")]
 JointsOption = Annotated[
     str | None,

@@ -12,7 +12,7 @@ import typer
 from daemon.cli.acquisition import RobotOption, ToolOption, WorkspaceOption, parse_bind, tool_from
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
-from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
+from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.protection import folder_to_write
@@ -56,10 +56,8 @@ def investigate(
     plan_only: Annotated[
         bool, typer.Option("--plan-only", help="Design and show the next motion; move nothing.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")] = False,
-    after_drop: Annotated[
-        bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
-    ] = False,
+    yes: YesOption = False,
+    after_drop: AfterDropOption = False,
     added_mass: AddedMassOption = None,
     done: DoneOption = None,
     settle: SettleOption = None,

@@ -22,6 +22,10 @@ AddedMassOption = Annotated[
     str | None,
     typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
 ]
+AfterDropOption = Annotated[
+    bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")]
 DoneOption = Annotated[
     Literal["turn_tool", "warm_up", "level_base"] | None,
     typer.Option("--done", help="What was done to the arm since, as the page asked for."),

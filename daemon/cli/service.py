@@ -16,7 +16,7 @@ import typer
 
 from daemon.cli.app import app
 from daemon.cli.inputs import ArmOption, settings_of
-from daemon.cli.operator_actions import AddedMassOption, DoneOption, SettleOption, mass_of
+from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.errors import DaemonError, LogIOError, MissingInputError
@@ -151,10 +151,8 @@ def submit_investigation(
     settle: SettleOption = None,
     done: DoneOption = None,
     added_mass: AddedMassOption = None,
-    after_drop: Annotated[
-        bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
-    ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each motion; on a fake robot only.")] = False,
+    after_drop: AfterDropOption = False,
+    yes: YesOption = False,
     service: Connection,
     json_file: JsonOption = None,
 ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from daemon.cli.app import app
-from daemon.cli.inputs import RecordedArm, as_usage
+from daemon.cli.inputs import ModelArgument, RecordedArm, as_usage
 from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.protection import in_its_folder, is_recording, not_a_recording
 from daemon.cli.rms_view import show_rms
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from identification.export.write import ExportResult
     from identification.model_file import Model
 
-ModelArgument = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by fit or diagnose.")]
 ParametersOption = Annotated[
     Literal["consistent", "physical"],
     typer.Option("--parameters", help="consistent: bodies that exist; physical: the set of program (10)."),
