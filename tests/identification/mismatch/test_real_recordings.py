@@ -239,8 +239,8 @@ def test_classes_are_compared_with_the_fit_of_the_same_rows(panda: tuple[Diagnos
 def test_a_name_takes_no_class_of_a_joint_that_it_does_not_act_on(
     tx40: tuple[Diagnosis, np.ndarray], panda: tuple[Diagnosis, np.ndarray]
 ) -> None:
-    """The coupling acts on joints 5 and 6, the friction on joint 7."""
-    for diagnosis, joints in ((tx40[0], {5, 6}), (panda[0], {7})):
+    """The coupling acts on joints 5 and 6, friction on its own joint."""
+    for diagnosis, joints in ((tx40[0], {5, 6}), (panda[0], {item.place.joint for item in panda[0].findings})):
         assert {item.joint for item in diagnosis.classes if item.named} <= joints
 
 
@@ -262,11 +262,14 @@ def test_before_is_what_fit_leaves_of_the_same_rows(panda: tuple[Diagnosis, np.n
     np.testing.assert_allclose(heldout.rms_before_nm, left, rtol=0.1)
 
 
-def test_joint_7_of_the_panda_has_friction_that_builds_up_with_travel(panda: tuple[Diagnosis, np.ndarray]) -> None:
-    """Its friction is known not to jump at a reversal (Gaz et al., RA-L 2019, fit a sigmoid of velocity)."""
+def test_joints_of_the_panda_have_friction_that_builds_up_with_travel(panda: tuple[Diagnosis, np.ndarray]) -> None:
+    """Friction is known not to jump at a reversal (Gaz et al., RA-L 2019, fit a sigmoid of velocity). By its trembling
+    stamps only joint 7 had a name, which a late torque could stand for as well.
+    """
     diagnosis, torque = panda
-    (finding,) = diagnosis.findings
-    assert (finding.effect, finding.place.joint) == ("presliding_hysteresis", 7)
+    assert {item.effect for item in diagnosis.findings} == {"presliding_hysteresis"}
+    assert {item.place.joint for item in diagnosis.findings} >= {5, 7}
+    assert not next(item for item in diagnosis.findings if item.place.joint == 7).alternatives
     assert diagnosis.heldout is not None
     assert diagnosis.heldout.rms_after_nm[6] < 0.5 * diagnosis.heldout.rms_before_nm[6]
     assert diagnosis.heldout.rms_before_nm[6] > 0.15 * torque[6]
