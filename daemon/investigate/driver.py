@@ -80,11 +80,10 @@ class FriDriver:
 
     def ended(self, folder: Path) -> Drive | None:
         """As run.json of the motion says, or of the highest rung that was begun; a completed rung is no end of it."""
-        if (last := ended_in(folder) or _begun_in(folder)) is not None:
+        if (last := ended_in(folder)) is not None:
             return last
         for rung in reversed(RUNGS[:-1]):
-            at = _rung_folder(folder, rung)
-            if (drive := ended_in(at) or _begun_in(at)) is not None:
+            if (drive := ended_in(_rung_folder(folder, rung))) is not None:
                 return None if drive.outcome == "recorded" else drive
         return None
 
@@ -116,22 +115,20 @@ def _rung_folder(folder: Path, rung: float) -> Path:
 
 
 def ended_in(folder: Path) -> Drive | None:
-    """How the run in a folder ended, as its run.json says; None where there is none."""
+    """How the run in a folder ended, as its run.json says; None where none began there.
+
+    Unknown where it left a recording and no account, as where all its processes were killed at once.
+    """
     try:
         return _drive_of(read_json(folder / RUN_NAME, RunOutcome))
     except DaemonError:
-        return None
-
-
-def _begun_in(folder: Path) -> Drive | None:
-    """Of a run that left a recording and no account, as where all its processes were killed at once."""
-    if state_of_recording(folder) == "none":
-        return None
+        if state_of_recording(folder) == "none":
+            return None
     sentence = (
         "no run.json says how this motion ended (processes of it that are left write one soon), and nobody saw the "
         "arm come to rest: nothing moves again by itself. Look at the arm and the cabinet, then add --after-drop."
     )
-    return Drive("unknown", None, sentence)
+    return Drive("unknown", folder, sentence)
 
 
 def _drive_of(outcome: RunOutcome) -> Drive:

@@ -57,7 +57,7 @@ class Drive:
     """How a motion ended. recording: what was recorded, None: nothing that can be used. exit_code: of the run.
 
     outcome: "unsafe" where its check found against it, so that it was not begun; "unknown" where a recording was begun
-    and nobody wrote down how it ended.
+    and nobody wrote down how it ended (recording: the folder of that run).
     """
 
     outcome: Literal["recorded", "stopped", "dropped", "unsafe", "unknown"]
@@ -142,11 +142,7 @@ class Investigation:
         """
         expected = (None, Action.ADD_MASS, self.account.doing)
         ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
-        if ended is not None and ended.outcome == "unknown":
-            # Not noted: where processes of the run are left, they soon write down how it ended.
-            if not after_drop:
-                raise ConfigurationError(ended.sentence, file=str(self._attempt))
-        elif ended is not None:
+        if ended is not None and not (after_drop and ended.outcome == "unknown"):
             self._keep(state=after(self.account.state, self._came_of(ended)))
         state, mass = self.account.state, added_mass or self.account.added_mass
         if state is State.DROPPED and not after_drop:
@@ -334,7 +330,12 @@ class Investigation:
         return self._folder / f"motion-{self.account.attempts:02d}"
 
     def _came_of(self, drive: Drive) -> Event:
-        """Note how the pending motion ended."""
+        """Note how the pending motion ended. Raises ConfigurationError where nobody knows.
+
+        That is not noted: where processes of the run are left, they soon write down how it ended.
+        """
+        if drive.outcome == "unknown":
+            raise ConfigurationError(drive.sentence, file=str(drive.recording))
         motion = self.account.pending
         if drive.outcome == "recorded" and drive.recording is not None and motion is not None:
             self._take(motion, drive.recording)

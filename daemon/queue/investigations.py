@@ -94,7 +94,8 @@ class Investigations:
                 "not_at_rest", f"Investigation {job_id} is {job.phase}; it can be gone on with once it rests.", 1
             )
         budget = None if request.budget_minutes is None else 60.0 * request.budget_minutes
-        order = msgspec.structs.replace(_next_order(job.order), goes_on=True, budget_s=budget)
+        # The run that was told of last is asked once more where nobody knew how it had ended.
+        order = msgspec.structs.replace(_next_order(job.order), goes_on=True, budget_s=budget, run=job.order.run)
         self._store.change(
             job_id, "queued", "Goes on.", order=_asked(order, request), unasked=request.unasked, exit_code=None
         )

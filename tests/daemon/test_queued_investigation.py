@@ -372,6 +372,50 @@ def test_an_arm_that_nobody_saw_come_to_rest_is_latched_as_a_drop_is(
 
 
 @pytest.mark.usefixtures("_scripted")
+def test_a_motion_of_which_every_process_was_killed_is_latched_in_the_queue_as_by_the_command(tmp_path: Path) -> None:
+    """A recording was begun, no run.json was written: it was asked for again as if nothing had moved."""
+    order, run = planned(tmp_path), tmp_path / "motion-01"
+    run.mkdir()
+    (run / "recording.mcap").write_bytes(b"\x89MCAP0\r\n")
+    order = msgspec.structs.replace(order, number=3, run=str(run))
+    for _ in range(2):  # a second time, as after a kill
+        with pytest.raises(ConfigurationError, match=r"motion-01: no run\.json says .* add --after-drop"):
+            queued.step(order)
+    on = msgspec.structs.replace(order, number=0, goes_on=True)
+    with pytest.raises(ConfigurationError, match="--after-drop"):
+        queued.step(on)
+    account = queued.step(msgspec.structs.replace(on, after_drop=True))
+    assert (account.state, len(account.recordings)) == (State.PLANNED, 2)
+
+
+@pytest.mark.usefixtures("_scripted")
+def test_an_account_that_a_process_of_the_run_wrote_later_counts(tmp_path: Path) -> None:
+    order, run = planned(tmp_path), tmp_path / "motion-01"
+    run.mkdir()
+    (run / "recording.mcap").write_bytes(b"\x89MCAP0\r\n")
+    order = msgspec.structs.replace(order, number=3, run=str(run))
+    with pytest.raises(ConfigurationError, match="--after-drop"):
+        queued.step(order)
+    on = msgspec.structs.replace(ran(order, "completed"), number=0, goes_on=True)
+    assert len(queued.step(on).recordings) == 3
+
+
+def test_one_that_is_gone_on_with_is_told_which_run_was_its_last(tmp_path: Path) -> None:
+    """Where nobody knew how that one ended, its folder is looked at once more."""
+    queue = Queue(tmp_path)
+    number = queue.begin()
+    queue.think(MOTION)
+    run = queue.runs[0]
+    queue.jobs.release()
+    queue.jobs.run_started(run.job_id)
+    queue.end_run(run.job_id, "stopped", 1)
+    queue.think(StepAnswer(sentence="Nobody knows how it ended.", exit_code=78))
+    queue.begin(job_id=number, budget_minutes=None)
+    order = queue.think(MOTION)
+    assert (order.goes_on, order.run, order.number) == (True, run.folder, 0)
+
+
+@pytest.mark.usefixtures("_scripted")
 @pytest.mark.parametrize(("declined", "state"), [(True, State.DECLINED), (False, State.INTERRUPTED)])
 def test_a_motion_that_was_declined_or_refused_is_asked_for_again(tmp_path: Path, declined: bool, state: State) -> None:
     order = planned(tmp_path)
