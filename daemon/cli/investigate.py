@@ -39,7 +39,9 @@ def investigate(
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Minutes of motion at most; needed to begin."),
+        typer.Option(
+            "--budget", metavar="MINUTES", min=0.0, help="Minutes of recorded motion at most; needed to begin."
+        ),
     ] = None,
     out: Annotated[
         Path,
@@ -162,7 +164,7 @@ def _account_in(
     account = read_account(out)
     if account is None:
         if budget_s is None:
-            raise typer.BadParameter("--budget MINUTES says how long the arm may move at most.")
+            raise typer.BadParameter("--budget MINUTES says how much motion may be recorded at most.")
         return begun(given, robot, budget_s, seed), False
     if robot not in (None, account.robot):
         raise ConfigurationError(f"its investigation is of {account.robot}; --robot says {robot}.", file=str(out))

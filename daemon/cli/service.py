@@ -143,7 +143,9 @@ def submit_investigation(
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option("--budget", metavar="MINUTES", min=0.1, help="Minutes of motion at most; needed to begin."),
+        typer.Option(
+            "--budget", metavar="MINUTES", min=0.1, help="Minutes of recorded motion at most; needed to begin."
+        ),
     ] = None,
     given: Annotated[
         list[str] | None, typer.Option("--from", metavar="JOB", help="Run of the service at hand; may be repeated.")

@@ -240,9 +240,8 @@ class Investigation:
             return Event.CHOSEN
         if self.account.doing is not None:
             self._choices = (same_motion(self.account, self._folder),)
-            if self._choices[0][0].seconds > self.account.left_s:
-                return self._out_of_time()
-            return Event.CHOSEN
+            late = self._choices[0][0].seconds > self.account.left_s
+            return self._out_of_time() if late else Event.CHOSEN
         found = self._studied()
         random = np.random.default_rng([self.account.seed, given])
         room = Room(iiwa_limits(self.account.robot), default_trajectory(self.account.robot).offset)
@@ -299,6 +298,10 @@ class Investigation:
         motion = self.account.pending
         assert motion is not None
         self._tell(describe_motion(motion))
+        if motion.seconds > self.account.left_s:  # the budget of this command is smaller than the one it was planned in
+            self._tell("It does not fit into the budget any more and is withdrawn.")
+            self._keep(pending=None)
+            return Event.NO_TIME
         agreed = self._ask(motion)
         if agreed is None:
             self._keep(sentence=f"Planned, not driven: {describe_motion(motion)}")
@@ -377,7 +380,7 @@ class Investigation:
             )
         self._keep(
             sentence=f"Out of time: {self.account.used_s / 60.0:.1f} of {self.account.budget_s / 60.0:.1f} minutes of "
-            "motion are used, and the rest is too short for a motion. Call again with a larger --budget to go on."
+            "recorded motion are used, and the rest is too short for one. Call again with a larger --budget to go on."
             + known
         )
         return Event.NO_TIME

@@ -67,7 +67,7 @@ def _now(account: Account) -> Section:
     blocks.append(
         Facts(
             (
-                ("Motion used", f"{account.used_s / 60.0:.1f} of {account.budget_s / 60.0:.1f} minutes"),
+                ("Motion recorded", f"{account.used_s / 60.0:.1f} of {account.budget_s / 60.0:.1f} minutes"),
                 ("Recordings", str(len(account.recordings))),
                 ("Robot", account.robot),
                 ("Seed", str(account.seed)),

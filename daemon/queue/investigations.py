@@ -50,7 +50,9 @@ class Investigations:
             done(request.job_id, None)
             return
         if request.budget_minutes is None:
-            raise RefusedRequestError("no_budget", "Say how many minutes the arm may move at most.", 2)
+            raise RefusedRequestError(
+                "no_budget", "Say how many minutes of motion may be recorded at most (--budget).", 2
+            )
         if request.done is not None:
             reason = "--done answers what an investigation asked for, and this one only begins."
             raise RefusedRequestError("nothing_asked", reason, 2)

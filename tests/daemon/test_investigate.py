@@ -48,6 +48,7 @@ checking    resumed          choosing
 asking      agreed           recording
 asking      refused          declined
 asking      only_planned     planned
+asking      no_time          choosing
 asking      resumed          asking
 recording   recorded         diagnosing
 recording   stopped          interrupted
@@ -119,6 +120,22 @@ def test_a_budget_that_is_used_ends_it_and_a_larger_one_goes_on(tmp_path: Path) 
     again = investigation(tmp_path, msgspec.structs.replace(account, budget_s=120.0), ScriptedDriver())
     again.resume()
     assert again.run().state is State.SETTLED
+
+
+@pytest.mark.parametrize("outcome", [None, "stopped", "dropped"])
+def test_a_motion_that_does_not_fit_a_smaller_budget_is_withdrawn(tmp_path: Path, outcome: str | None) -> None:
+    """The scripted motion is of 40 s: planned, or broken off, with 120 s of budget, and not driven with 30 s."""
+    planned = investigation(
+        tmp_path, begun(tmp_path), ScriptedDriver(*([outcome] if outcome else [])), ask=lambda _: outcome and True
+    ).run()
+    driver = ScriptedDriver()
+    again = investigation(tmp_path, msgspec.structs.replace(planned, budget_s=30.0), driver)
+    again.resume(after_drop=True)
+    account = again.run()
+    assert (account.state, account.pending, driver.driven) == (State.OUT_OF_BUDGET, None, 0)
+    larger = investigation(tmp_path, msgspec.structs.replace(account, budget_s=80.0), driver)
+    larger.resume()
+    assert (larger.run().state, driver.driven, larger.account.used_s) == (State.SETTLED, 2, 80.0)
 
 
 @pytest.mark.parametrize("outcome", ["stopped", "dropped"])
