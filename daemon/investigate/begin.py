@@ -10,14 +10,17 @@ from daemon.investigate.account import Account, Recorded
 from daemon.investigate.loop import smallest_budget_s
 from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
+from identification.errors import TrajectoryNotFoundError
+from identification.excitation import default_trajectory
 from identification.recordings.reader import read_recording, recording_file, robot_of
 
 
 def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) -> Account:
     """The account of a new investigation. given: recordings or run folders. robot: None is what the recordings say.
 
-    Raises ConfigurationError for a budget that is too short and recordings of different arms, RecordingError
-    where no robot is given and they do not all say the same one, and the errors of `read_recording`.
+    Raises ConfigurationError for a budget that is too short, for recordings of different arms and for an arm that has
+    no shipped motions; RecordingError where no robot is given and they do not all say the same one, and the errors of
+    `read_recording`.
     """
     least = smallest_budget_s(len(given))
     if budget_s < least:
@@ -32,6 +35,15 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
         if robot is not None and item.robot not in (None, robot):
             raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))
     arm = robot or (robot_of(read) if read else "iiwa14")
+    try:
+        default_trajectory(arm)
+    except TrajectoryNotFoundError:
+        raise ConfigurationError(
+            f"investigate has motions for an iiwa 14 only, and this arm is {arm}; nothing was moved. For another arm "
+            f"design two motions (`iiwa-ident design --robot {arm}`), record them, and give both to `iiwa-ident "
+            "diagnose`, the second with --heldout.",
+            field="--robot",
+        ) from None
     files = tuple(Recorded(file=str(recording_file(file).absolute())) for file in given)
     return Account(robot=arm, seed=seed, budget_s=budget_s, recordings=files)
 

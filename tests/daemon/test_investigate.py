@@ -315,6 +315,8 @@ def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
         (("--budget", "3", "--from", "a.npz", "--robot", "iiwa7"), 78, "it is of iiwa14"),
         (("--budget", "3", "--from", "nameless.npz"), 65, "does not say which robot it is of; give --robot"),
         (("--budget", "3", "--from", "a.npz", "--from", "seven.npz"), 65, "is of robot iiwa7"),
+        (("--budget", "4", "--robot", "iiwa7"), 78, "motions for an iiwa 14 only, and this arm is iiwa7"),
+        (("--budget", "3", "--from", "seven.npz"), 78, "`iiwa-ident design --robot iiwa7`"),
         (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
         (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
         ((), 2, "--budget"),
@@ -335,7 +337,7 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     recording(tmp_path / "nameless.npz", 1, None)
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
-    assert not list(tmp_path.glob("folder/motion-*"))
+    assert not (tmp_path / "folder" / "investigation.json").exists()
 
 
 def test_recordings_that_name_no_robot_are_of_the_one_of_the_command(
@@ -348,12 +350,12 @@ def test_recordings_that_name_no_robot_are_of_the_one_of_the_command(
     monkeypatch.setattr(loop_module, "study", studied)
     monkeypatch.chdir(tmp_path)
     given = [recording(tmp_path / f"{name}.npz", seed, None) for seed, name in enumerate("ab")]
-    words = ("--from", given[0].name, "--from", given[1].name, "--robot", "iiwa7")
+    words = ("--from", given[0].name, "--from", given[1].name, "--robot", "iiwa14")
     assert run("investigate", *words, "--budget", "3", "--out", "folder", "--plan-only") == 78
-    assert "1 recording is studied as one of iiwa7." in capsys.readouterr().err
+    assert "1 recording is studied as one of iiwa14." in capsys.readouterr().err
     # Nor is the arm of an investigation changed by a word.
-    assert run("investigate", "--robot", "iiwa14", "--out", "folder", "--plan-only") == 78
-    assert "its investigation is of iiwa7; --robot says iiwa14." in " ".join(capsys.readouterr().err.split())
+    assert run("investigate", "--robot", "iiwa7", "--out", "folder", "--plan-only") == 78
+    assert "its investigation is of iiwa14; --robot says iiwa7." in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
