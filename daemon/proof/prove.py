@@ -54,6 +54,7 @@ class LineProcess:
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
+        self._closed = False
         self._begin()
 
     def _begin(self) -> None:
@@ -80,22 +81,27 @@ class LineProcess:
         return answer
 
     def close(self) -> None:
-        """End the child by closing its input."""
-        if self._child.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):
-                self._child.stdin.close()
-        self._child.wait()
+        """End the child at once: the answer that it is at is not waited for."""
+        self._closed = True
+        self._end()
+
+    def _end(self) -> None:
+        self._child.kill()
+        with contextlib.suppress(BrokenPipeError), self._child:
+            pass  # its pipes are closed, and it is waited for
 
 
 class _Diagnoser(LineProcess):
     """The process that diagnoses; started anew when it has gone, and the case it was on is answered by that."""
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
-        """The diagnosis, or {"error": …}."""
+        """The diagnosis, or {"error": …}. Raises ProofProcessError once it is closed."""
         try:
             return super().ask(request)
         except ProofProcessError as error:
-            self.close()
+            if self._closed:
+                raise
+            self._end()
             self._begin()
             return {"error": str(error)}
 

@@ -8,6 +8,7 @@ and answers each with {"diagnosis": …, "seconds": …} or {"error": …}. Star
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 import traceback
@@ -42,7 +43,8 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Answer every line of stdin."""
+    """Answer every line of stdin, and end without a word where nobody is left to read the answer."""
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     for line in sys.stdin:
         print(json.dumps(answer(json.loads(line))), flush=True)
     return 0

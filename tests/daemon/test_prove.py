@@ -6,6 +6,10 @@ import copy
 import hashlib
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -315,6 +319,34 @@ def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:
     assert first.error is not None
     assert "code -9" in first.error
     assert second.error is None
+
+
+def test_ctrl_c_waits_for_no_case_and_begins_none(tmp_path: Path) -> None:
+    """The stub says whenever it was let go on to the end of its case; nothing but a kill keeps it from that."""
+    stub, log = tmp_path / "stub.py", tmp_path / "log"
+    stub.write_text("import sys\nsys.stdin.read()\nopen(sys.argv[1], 'w').close()\n")
+
+    def interrupt(name: str, commitment: str) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        proof.prove(proof.Source(TUNING_SEED), [0, 1], jobs=1, worker=[str(stub), str(log)], publish=interrupt)
+    assert not log.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "request_"),
+    [(proof.WORKER, {"recordings": ["a"], "heldout": []}), (proof.Source(TUNING_SEED).arguments, {"plan": 0})],
+)
+def test_the_processes_of_a_proof_that_was_killed_end_without_a_word(
+    arguments: tuple[str, ...], request_: dict[str, Any]
+) -> None:
+    reads, writes = os.pipe()
+    os.close(reads)
+    words, line = [sys.executable, *arguments], json.dumps(request_) + "\n"
+    child = subprocess.run(words, input=line, stdout=writes, stderr=subprocess.PIPE, text=True)
+    os.close(writes)
+    assert (child.returncode, child.stderr) == (-signal.SIGPIPE, "")
 
 
 def test_the_report_is_written_only_where_it_is_asked_for(tmp_path: Path) -> None:
