@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -145,9 +146,23 @@ def date_of(recording: Recording) -> datetime | None:
 
 
 def with_hours(recordings: Sequence[Recording], hours: Sequence[float]) -> list[Recording]:
-    """The recordings with hours of operation as read off the arm. Raises RecordingError where one is left over."""
+    """The recordings with hours of operation as read off the arm.
+
+    Raises RecordingError where one is left over, and where those of one arm fall from one date to a later one. Equal
+    ones are taken: the counter shows whole hours.
+    """
     if len(hours) != len(recordings):
         raise RecordingError(f"{len(hours)} hours of operation are given for {len(recordings)} recordings.")
+    names, dates = recording_names(recordings), [date_of(item) for item in recordings]
+    for one, other in permutations(range(len(recordings)), 2):
+        before, after = dates[one], dates[other]
+        arms = {recordings[place].source.metadata.get("serial", "") for place in (one, other)}
+        if before and after and before < after and hours[other] < hours[one] and len(arms) == 1:
+            raise RecordingError(
+                f"An arm's hours of operation do not fall: {hours[one]:g} are given for {names[one]}, and "
+                f"{hours[other]:g} for {names[other]}, which is of a later date ({after:%Y-%m-%d}). Give them in the "
+                "order of the recordings."
+            )
     return [
         replace(item, source=replace(item.source, metadata={**item.source.metadata, "operating_hours": repr(each)}))
         for item, each in zip(recordings, hours, strict=True)

@@ -108,6 +108,21 @@ def test_a_series_without_dates_is_in_the_order_of_its_hours(series: list[Record
     assert [hours_of(item) for item in with_hours(undated, [5.0, 4.0, 3.0, 2.0, 1.0])] == [5.0, 4.0, 3.0, 2.0, 1.0]
 
 
+def test_hours_of_one_arm_do_not_fall_with_the_date(series: list[Recording]) -> None:
+    """The counter of the cabinet shows whole hours, so that two may be equal; each arm has one of its own."""
+    days = sorted(series, key=lambda item: str(item.source.path))
+    with pytest.raises(
+        RecordingError, match=r"1410 are given for day3\.npz, and 1296 for day4\.npz, which is of a later"
+    ):
+        with_hours(days, [1200.0, 1296.0, 1410.0, 1296.0, 1533.0])
+    assert [hours_of(item) for item in with_hours(days, [7.0, 7.0, 8.0, 8.0, 9.0])] == [7.0, 7.0, 8.0, 8.0, 9.0]
+    of_two_arms = [
+        replace(item, source=replace(item.source, metadata={**item.source.metadata, "serial": "AB"[day % 2]}))
+        for day, item in enumerate(days)
+    ]
+    assert len(with_hours(of_two_arms, [500.0, 100.0, 600.0, 200.0, 700.0])) == 5
+
+
 def test_a_steady_series_has_a_step_as_seldom_as_the_odds_say() -> None:
     generator = np.random.default_rng(20261122)
     said = [change_point(1.0 + 0.02 * generator.standard_normal(8), np.full(8, 0.005)).odds > 20.0 for _ in range(100)]
