@@ -81,6 +81,7 @@ def investigate(
     from daemon.investigate.loop import Investigation
     from daemon.investigate.states import State
     from daemon.investigate.story import write_story
+    from daemon.motion.tool import fastened
     from daemon.runtime_folder import lock_folder
     from identification.investigation.equivalences import unasked
 
@@ -98,8 +99,9 @@ def investigate(
     if settle:
         wanted = tuple(dict.fromkeys((*account.wanted, *(item.value for item in settle))))
         account = msgspec.structs.replace(account, wanted=wanted)
-    fastened = account.added_mass if mass is None else (mass.mass_kg, *mass.place_m)
-    driver = _driver(account, fastened, host, port, simulation, robot_host=address_of(robot_host),
+    said = None if mass is None else (mass.mass_kg, *mass.place_m)
+    carried = fastened(said, account.added_mass)
+    driver = _driver(account, carried, host, port, simulation, robot_host=address_of(robot_host),
                      fri_version=version, serial=serial, start_timeout_s=start_timeout)  # fmt: skip
 
     def ask(motion: Motion) -> bool | None:
@@ -114,11 +116,11 @@ def investigate(
             return typer.confirm("Drive it", err=True)
 
     if not resumed:
-        account = msgspec.structs.replace(account, added_mass=fastened)
+        account = msgspec.structs.replace(account, added_mass=carried)
     with progress_shown(lines=False) as show:
         loop = Investigation(out, account, driver, ask=ask, tell=message, progress=show)
         if resumed:
-            loop.resume(after_drop=after_drop, acted=acted, added_mass=fastened)
+            loop.resume(after_drop=after_drop, acted=acted, added_mass=said)
         account = loop.run()
     page = write_story(out, account)
     if told_in_words(msgspec.to_builtins(account), json_file):
@@ -136,7 +138,7 @@ def _acted(done: str | None, mass: AddedMass | None, *, resumed: bool) -> Action
     from identification.investigation.actions import Action
 
     if done is None:
-        return None if mass is None else Action.ADD_MASS
+        return Action.ADD_MASS if mass is not None and mass.mass_kg else None
     if mass is not None:
         raise typer.BadParameter("--done and --added-mass are two actions, and one motion shows what one of them does.")
     if not resumed:

@@ -20,7 +20,9 @@ class Wanted(StrEnum):
 
 AddedMassOption = Annotated[
     str | None,
-    typer.Option("--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on; m from there."),
+    typer.Option(
+        "--added-mass", metavar="KG@X,Y,Z", help="Known mass on the flange from now on, m from there; or none."
+    ),
 ]
 AfterDropOption = Annotated[
     bool, typer.Option("--after-drop", help="Go on after the robot dropped out, once somebody has looked at it.")
@@ -36,10 +38,12 @@ SettleOption = Annotated[
 
 
 def mass_of(text: str | None) -> AddedMass | None:
-    """The mass of KG@X,Y,Z. Raises a usage error for anything else."""
+    """The mass of KG@X,Y,Z, of 0 kg for `none`. Raises a usage error for anything else."""
     from identification.investigation.added_mass import AddedMass
 
+    if text == "none":
+        return AddedMass(0.0, (0.0, 0.0, 0.0))
     try:
         return None if text is None else AddedMass.parse(text)
     except ValueError as error:
-        raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05.") from error
+        raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05, nor none.") from error

@@ -23,14 +23,15 @@ from daemon.investigate.motions import (
     SAME_MOTION,
     SECOND_PERIODS,
     chosen_motion,
+    compared_with,
     describe_motion,
     same_motion,
     shipped_motion,
 )
-from daemon.investigate.same_arm import Stated, refuse_another_arm, refuse_other_arms
+from daemon.investigate.same_arm import Stated, read_together, refuse_another_arm
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
-from daemon.motion.tool import FastenedMass
+from daemon.motion.tool import FastenedMass, fastened
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
@@ -39,9 +40,7 @@ from identification.investigation.equivalences import Equivalence, invisible, tw
 from identification.investigation.experiments import PERIOD_S, Room
 from identification.investigation.forecast import Forecast
 from identification.investigation.study import Study, study, what_it_told
-from identification.recordings import Recording
 from identification.recordings.reader import inputs_of, read_recording
-from identification.robots import RobotModel
 
 Tell = Callable[[str], None]
 Progress = Callable[[str, float], None]
@@ -135,7 +134,7 @@ class Investigation:
         an action that nothing asks for: its motion would count as one of the arm as it was.
 
         acted: what the operator did to the arm since. added_mass: on the flange from now on, and not in a motion that
-        was driven before; None: what was there.
+        was driven before; None: what was there; of 0 kg: none.
 
         A motion whose recording is whole on disk is taken as recorded; one that was broken off is asked for anew, one
         in which the robot dropped out is as if nobody had been killed.
@@ -144,7 +143,7 @@ class Investigation:
         ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
         if ended is not None and not (after_drop and ended.outcome == "unknown"):
             self._keep(state=after(self.account.state, self._came_of(ended)))
-        state, mass = self.account.state, added_mass or self.account.added_mass
+        state, mass = self.account.state, fastened(added_mass, self.account.added_mass)
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
                 "in the last motion the robot dropped out of the session, or nobody saw the arm come to rest, and "
@@ -152,8 +151,9 @@ class Investigation:
                 file=str(self._folder),
             )
         if state in (State.NEEDS_ACTION, State.SETTLED):
+            self._keep(added_mass=mass)
             if acted is not None:
-                self._keep(state=after(state, Event.ACTED), doing=acted, added_mass=mass)
+                self._keep(state=after(state, Event.ACTED), doing=acted)
             elif state is State.SETTLED and self.account.wanted:
                 self._keep(state=after(state, Event.RESUMED))
             return
@@ -221,7 +221,11 @@ class Investigation:
             if item is last or (together and (item.action, item.added_mass) == (last.action, last.added_mass))
         ]  # fmt: skip
         earlier = self.account.recordings[: self.account.recordings.index(own[0])]
-        before = next(item for item in reversed(earlier) if item.action is not None or item is earlier[0])
+        before = compared_with(earlier, last)
+        if before is None:
+            self._tell("Another mass was on the flange when this motion was driven before: it tells nothing yet.")
+            self._keep(heard=done)
+            return
         inputs = inputs_of([read_recording(item.file) for item in (before, *own)], robot=self.account.robot)
         first, *after_it = inputs.recordings
         outcomes = what_it_told(last.action, first, after_it, found, inputs.robot, _mass(last.added_mass))
@@ -357,7 +361,7 @@ class Investigation:
         if self._study is None:
             # What was done to the arm is asked of pairs of recordings; the diagnosis is of the arm as it was.
             own = [item for item in self.account.recordings if item.action is None]
-            recordings, robot = _read(own, self.account.robot)
+            recordings, robot = read_together(own, self.account.robot)
             masses = [_mass(item.added_mass) for item in own]
             self._study = study(
                 [recordings[0], *recordings[2:]],
@@ -387,13 +391,6 @@ class Investigation:
 
     def _keep(self, **changes: object) -> None:
         self.account = save(self._folder, msgspec.structs.replace(self.account, **changes))
-
-
-def _read(recorded: Sequence[Recorded], robot: str) -> tuple[Sequence[Recording], RobotModel]:
-    read = [read_recording(item.file) for item in recorded]
-    refuse_other_arms([item for item, at in zip(read, recorded, strict=True) if at.added_mass is None])
-    inputs = inputs_of(read, robot=robot)
-    return inputs.recordings, inputs.robot
 
 
 def _mass(given: tuple[float, float, float, float] | None) -> AddedMass | None:

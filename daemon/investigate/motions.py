@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.investigate.account import Account, Motion, Recorded
@@ -12,6 +13,7 @@ from identification.excitation import (
     load_trajectory,
     validation_trajectory,
 )
+from identification.investigation.actions import Action
 from identification.investigation.choice import ENOUGH, Choice
 from identification.investigation.experiments import PERIOD_S
 from identification.investigation.forecast import LEAST_GAIN
@@ -85,6 +87,20 @@ def same_motion(account: Account, folder: Path) -> Planned:
         seconds=round(trajectory.period_s * periods, 3),
     )
     return motion, trajectory
+
+
+def compared_with(earlier: Sequence[Recorded], last: Recorded) -> Recorded | None:
+    """What shows what was done before the last recording: the same motion with the same mass on the flange.
+
+    Where that mass is what was done, one without. None where there is none since whatever else was done to the arm.
+    """
+    mass = None if last.action is Action.ADD_MASS else last.added_mass
+    for item in reversed([earlier[0], *(item for item in earlier[1:] if item.action is not None)]):
+        if item.added_mass == mass:
+            return item
+        if item.action is not Action.ADD_MASS:
+            break
+    return None
 
 
 def _motion_of(first: Recorded, robot: str, folder: Path) -> Trajectory:

@@ -25,7 +25,7 @@ from daemon.investigate.states import RESTING, State
 from daemon.investigate.story import write_story
 from daemon.json_files import read_json, write_json
 from daemon.motion.preparation import prepare_motion
-from daemon.motion.tool import FastenedMass, read_tool
+from daemon.motion.tool import FastenedMass, fastened, read_tool
 from daemon.motion.workspace import load_surroundings
 from daemon.queue.investigation_step import ANSWER_NAME, Order, StepAnswer
 from identification.fitting.settings import silent
@@ -80,10 +80,11 @@ def step(order: Order) -> Account:
         wanted = tuple(dict.fromkeys((*account.wanted, *order.settle)))
         account = msgspec.structs.replace(account, wanted=wanted)
     acted = None if order.done is None else Action(order.done)
-    if order.added_mass is not None:
+    mass = fastened(order.added_mass, account.added_mass)
+    if order.added_mass is not None and mass is not None:
         acted = Action.ADD_MASS
-        if began:
-            account = msgspec.structs.replace(account, added_mass=order.added_mass)
+    if began:
+        account = msgspec.structs.replace(account, added_mass=mass)
     account = save(folder, account)
     answers = _answers(order, account)
     if account.state in RESTING and not (began or order.goes_on or answers):
@@ -92,12 +93,11 @@ def step(order: Order) -> Account:
     def ask(motion: Motion) -> bool | None:
         return answers.pop(motion.number, None)
 
-    mass = order.added_mass or account.added_mass
     loop = Investigation(
         folder, account, _QueueDriver(order, account.robot, mass), ask=ask, tell=_tell, progress=silent
     )
     if not began:
-        loop.resume(after_drop=order.after_drop, acted=acted, added_mass=mass)
+        loop.resume(after_drop=order.after_drop, acted=acted, added_mass=order.added_mass)
     return loop.run()
 
 

@@ -10,8 +10,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from daemon.errors import ConfigurationError
+from daemon.investigate.account import Recorded
 from identification.recordings import Recording
-from identification.robots import Installation
+from identification.recordings.reader import inputs_of, read_recording
+from identification.robots import Installation, RobotModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,14 @@ def refuse_other_arms(recordings: Sequence[Recording]) -> None:
                 f"its {name} is '{other}', that of {first} is '{one}': recordings of one arm with one tool are needed.",
                 file=second,
             )
+
+
+def read_together(recorded: Sequence[Recorded], robot: str) -> tuple[Sequence[Recording], RobotModel]:
+    """The recordings, read as of one arm, and its model. A known mass adds to the tool that they name."""
+    read = [read_recording(item.file) for item in recorded]
+    refuse_other_arms([item for item, at in zip(read, recorded, strict=True) if at.added_mass is None])
+    inputs = inputs_of(read, robot=robot)
+    return inputs.recordings, inputs.robot
 
 
 def refuse_another_arm(recordings: Iterable[Recording], stated: Stated) -> None:

@@ -91,6 +91,12 @@ class Tool(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         return found
 
 
+def fastened(said: FastenedMass | None, before: FastenedMass | None) -> FastenedMass | None:
+    """The known mass on the flange: what is said of it, else what was there before; one of 0 kg is off again."""
+    mass = said or before
+    return mass if mass is not None and mass[0] > 0.0 else None
+
+
 def read_tool(text: str, *, is_name: bool = False) -> Tool | None:
     """A tool from what an operator writes: "none", MASS@X,Y,Z in kg and m, or the name of a YAML file.
 

@@ -38,7 +38,7 @@ JobPhase = Literal[
 
 _Name = Annotated[str, Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]
 _JobId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
-_Mass = Annotated[float, Meta(gt=0.0, le=HEAVIEST_KG)]
+_Mass = Annotated[float, Meta(ge=0.0, le=HEAVIEST_KG)]
 _Place = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
@@ -85,8 +85,9 @@ class SubmitInvestigation(_Request, frozen=True, kw_only=True, tag="investigate"
     """Begin an investigation, or go on with one that rests (job_id).
 
     budget_minutes: of motion; needed to begin. recordings: runs of this service that are at hand, the first to be
-    fitted, the second to check names on. settle, done, added_mass (kg, and m from the flange), after_drop: as the
-    options of `investigate`. unasked: its motions take their turn without an operator's `resume`; on a fake robot only.
+    fitted, the second to check names on. settle, done, added_mass (kg, and m from the flange; 0 kg: off again),
+    after_drop: as the options of `investigate`. unasked: its motions take their turn without an operator's `resume`;
+    on a fake robot only.
     """
 
     job_id: _JobId | None = None

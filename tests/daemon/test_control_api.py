@@ -95,7 +95,7 @@ def test_a_wrong_tag_field_or_value_is_refused(change: dict[str, Any]) -> None:
     assert refusal(json.dumps({**good, **change}).encode()).code == "bad_request"
 
 
-@pytest.mark.parametrize("mass", [[-2, 0, 0, 0.05], [0, 0, 0, 0.05], [2000, 0, 0, 0.05], [2, 0, 0, 50], [2, 0, 0]])
+@pytest.mark.parametrize("mass", [[-2, 0, 0, 0.05], [2000, 0, 0, 0.05], [2, 0, 0, 50], [2, 0, 0]])
 def test_a_mass_that_nobody_fastens_to_a_flange_is_refused(mass: list[float]) -> None:
     request = {"type": "investigate", "api": 1, "job_id": "a", "added_mass": [2, 0, 0, 0.05]}
     decode_request(json.dumps(request).encode())

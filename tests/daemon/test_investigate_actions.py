@@ -19,7 +19,7 @@ from daemon.investigate import loop as loop_module
 from daemon.investigate import steps as steps_module
 from daemon.investigate.account import Motion, Recorded, read_account
 from daemon.investigate.loop import Investigation
-from daemon.investigate.motions import SAME_MOTION, shipped_motion
+from daemon.investigate.motions import SAME_MOTION, compared_with, shipped_motion
 from daemon.investigate.states import State
 from daemon.investigate.story import write_story
 from identification.excitation import default_trajectory
@@ -28,6 +28,7 @@ from identification.investigation.choice import Choice, Design
 from identification.investigation.experiments import experiment
 from identification.investigation.forecast import Forecast
 from identification.mismatch.effects.base import Place
+from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ROOM, ScriptedDriver, begun, investigation, scripted_study
 
 
@@ -80,6 +81,58 @@ def test_a_mass_that_is_fastened_after_a_kill_was_not_on_the_flange_in_the_motio
     killed = investigation(tmp_path, account, ScriptedDriver())
     with pytest.raises(ConfigurationError, match="nothing asks for `--done turn_tool`"):
         killed.resume(acted=Action.TURN_TOOL)
+
+
+MASS = (2.0, 0.0, 0.0, 0.05)
+
+
+@pytest.mark.usefixtures("_told")
+def test_a_mass_that_is_off_again_is_in_no_later_motion(tmp_path: Path) -> None:
+    """Its torque was taken out of every recording that followed, and its weight counted in every check."""
+    first = ScriptedDriver("recorded", "stopped")
+    account = begun(tmp_path, state=State.NEEDS_ACTION)
+    again = investigation(tmp_path, account, first)
+    again.resume(acted=Action.ADD_MASS, added_mass=MASS)
+    stopped = again.run()
+    assert (stopped.state, stopped.added_mass) == (State.INTERRUPTED, MASS)
+    later = investigation(tmp_path, stopped, ScriptedDriver())
+    later.resume(added_mass=(0.0, 0.0, 0.0, 0.0))
+    done = later.run()
+    assert done.state is State.SETTLED
+    assert [item.added_mass for item in done.recordings] == [None, None, MASS, None]
+
+
+@pytest.mark.parametrize("state", [State.NEEDS_ACTION, State.SETTLED, State.OUT_OF_BUDGET])
+def test_that_the_mass_is_off_can_be_said_wherever_the_investigation_rests(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], state: State
+) -> None:
+    begun(tmp_path, state=state, added_mass=MASS, budget_s=0.0, recordings=())
+    for words in (["--added-mass", "none", "--done", "warm_up"], ["--added-mass", "0@0,0,0"]):
+        assert run("investigate", "--out", tmp_path, *words) == 2
+    kept = read_account(tmp_path)
+    assert kept is not None
+    assert kept.added_mass == MASS
+    assert run("investigate", "--out", tmp_path, "--added-mass", "none") == int(state is not State.SETTLED)
+    left = read_account(tmp_path)
+    assert left is not None
+    assert (left.state, left.added_mass) == (state, None)
+
+
+def test_what_was_done_is_judged_by_motions_with_the_same_mass() -> None:
+    """A mass that was on in one of the two would be read as what was done, such as an offset of its own torque."""
+    cold, weighed, again = (
+        Recorded(file="cold"),
+        *(Recorded(file=name, added_mass=MASS, action=Action.ADD_MASS) for name in ("weighed", "again")),
+    )
+    warm = Recorded(file="warm", action=Action.WARM_UP)
+    warm_weighed = Recorded(file="warm weighed", added_mass=MASS, action=Action.WARM_UP)
+    other = Recorded(file="other")
+    assert compared_with([cold, other, weighed], warm) is cold
+    assert compared_with([cold, other, weighed], warm_weighed) is weighed
+    assert compared_with([cold, other, weighed], again) is cold
+    assert compared_with([cold, other, weighed, warm], again) is warm
+    assert compared_with([cold, other, weighed, warm_weighed], warm) is None
+    assert compared_with([cold, other], warm_weighed) is None
 
 
 def with_offset(self: Investigation) -> Any:

@@ -389,6 +389,16 @@ def test_a_motion_of_which_every_process_was_killed_is_latched_in_the_queue_as_b
 
 
 @pytest.mark.usefixtures("_scripted")
+def test_a_known_mass_is_taken_off_by_an_order_that_says_so(tmp_path: Path) -> None:
+    order = planned(tmp_path)
+    weighed = queued.step(msgspec.structs.replace(order, goes_on=True, added_mass=(2.0, 0.0, 0.0, 0.05)))
+    assert weighed.added_mass == (2.0, 0.0, 0.0, 0.05)
+    assert queued.step(msgspec.structs.replace(order, goes_on=True)).added_mass == weighed.added_mass
+    off = queued.step(msgspec.structs.replace(order, goes_on=True, added_mass=(0.0, 0.0, 0.0, 0.0)))
+    assert (off.state, off.added_mass) == (State.PLANNED, None)
+
+
+@pytest.mark.usefixtures("_scripted")
 def test_an_account_that_a_process_of_the_run_wrote_later_counts(tmp_path: Path) -> None:
     order, run = planned(tmp_path), tmp_path / "motion-01"
     run.mkdir()
