@@ -67,7 +67,7 @@ def read_fri_log(path: Path, bag: Bag) -> RawTable:
     result = RawTable(
         path=path,
         kind="log",
-        time=_robot_time(clock, steps, send_period_ms[1:], findings),
+        time=_robot_time(clock, steps, send_period_ms[1:], table["measured_joint_position"], findings),
         position=table["measured_joint_position"],
         torque=sign * table["measured_torque"],
         optional={name: values for name, values in optional.items() if not np.isnan(values).all()},
@@ -182,17 +182,42 @@ def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings
         findings.append(Finding("lost_samples", places[0] + 1, places[-1] + 2, missing, sentence))
 
 
+def _set_ahead(elapsed: IntArray, counted: IntArray, position: FloatArray) -> IntArray:
+    """Rows after which the robot's clock was set ahead, by times (N - 1,) ns of clock and counter and position (N, n).
+
+    By more than a recording can have lost; or the counter has gone on for less, and the arm with it: a robot that was
+    held up while its counter stood has moved on as the clock says.
+    """
+    ahead = elapsed - counted
+    far = ahead > LONGEST_LOSS_S * 1e9
+    # A stamp that alone is late or early is given back by the next one.
+    steady = 2 * np.maximum(np.abs(ahead[:-2]), np.abs(ahead[2:])) < ahead[1:-1]
+    places = np.flatnonzero((2 * ahead[1:-1] > counted[1:-1]) & steady & ~far[1:-1]) + 1
+    moved = np.diff(position, axis=0)
+    beside = 0.5 * (moved[places - 1] / counted[places - 1, None] + moved[places + 1] / counted[places + 1, None])
+    way = np.linalg.norm(moved[places], axis=1)
+    by_counter, by_clock = (
+        np.linalg.norm(moved[places] - beside * time[places, None], axis=1) for time in (counted, elapsed)
+    )
+    near = way < 2.0 * np.linalg.norm(beside, axis=1) * counted[places]
+    return np.sort(np.concatenate([np.flatnonzero(far), places[near & (by_counter < by_clock)]]))
+
+
 def _robot_time(
-    clock: IntArray | None, steps: IntArray, send_period_ms: IntArray, findings: list[Finding]
+    clock: IntArray | None,
+    steps: IntArray,
+    send_period_ms: IntArray,
+    position: FloatArray,
+    findings: list[Finding],
 ) -> FloatArray:
     """Time since the first sample by the robot's own clock (ns), else by its sequence counter and send period.
 
-    The counter also says how long it was where the clock leaps ahead by more than a recording can have lost.
+    The counter also says how long it was where the clock was set ahead.
     """
     counted = steps * send_period_ms * 1_000_000
     if clock is not None and np.all(np.diff(clock) > 0):
         elapsed = np.diff(clock)
-        leaps = np.flatnonzero(elapsed - counted > LONGEST_LOSS_S * 1e9)
+        leaps = _set_ahead(elapsed, counted, position)
         if leaps.size:
             sentence = (
                 f"the robot's clock was set ahead by {elapsed[leaps].max() * 1e-9:.4g} s; what passed there is its "
