@@ -9,6 +9,7 @@
     ├── LadderError                  1  an amplitude whose turn on this arm has not come
     ├── PortInUseError              69  another program holds the UDP port
     ├── RobotUnreachableError       69  no monitoring message arrived in time
+    ├── NothingToStopError          69  neither a service nor a run of this user is on the port that is to be stopped
     ├── ProtocolMismatchError       76  datagrams arrive, but of another FRI version
     ├── ChildProcessFailedError     70  loop or recorder process could not be started or died before the motion
     ├── ProofProcessError           70  a process of the proof died before the last case
@@ -177,6 +178,22 @@ class RobotUnreachableError(DaemonError):
         super().__init__(
             f"No FRI message arrived on {host}:{port} within {waited_s:g} s: "
             "start the FRI application on the robot and check the address it sends to (`iiwa-ident doctor`)."
+        )
+
+
+class NothingToStopError(DaemonError):
+    """Neither a service nor a run of this user is on the UDP port. Carries it, and the ports on which there is one."""
+
+    exit_code = 69
+
+    def __init__(self, port: int, others: list[int]) -> None:
+        self.port = port
+        self.others = others
+        on = ", ".join(map(str, others))
+        elsewhere = f" There is one on {on}: say --port." if others else ""
+        super().__init__(
+            f"Nothing was stopped: no service and no run of this user is on UDP port {port}.{elsewhere} Where an arm "
+            "moves all the same, press Ctrl-C where it was started, or the emergency stop."
         )
 
 

@@ -86,6 +86,22 @@ def port_has_holder(port: int) -> bool:
     return False
 
 
+def port_holders() -> dict[int, int]:
+    """Which process of this user holds which UDP port at this moment, for a run or as a service."""
+    holders = {}
+    for path in runtime_folder().glob("port-*.lock"):
+        try:
+            with _opened(path) as descriptor:
+                fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            port, holder = path.stem.removeprefix("port-"), path.read_text(errors="replace").strip()
+            if port.isdigit() and holder.isdigit():
+                holders[int(port)] = int(holder)
+        except OSError:
+            continue  # it went meanwhile
+    return holders
+
+
 @contextlib.contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """Hold the folder that a command writes to, which need not exist yet, for the block.

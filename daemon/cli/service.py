@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -19,7 +21,7 @@ from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
-from daemon.errors import DaemonError, LogIOError, MissingInputError
+from daemon.errors import DaemonError, LogIOError, MissingInputError, NothingToStopError
 from daemon.queue import control_api as api
 
 ConfigOption = Annotated[
@@ -265,12 +267,38 @@ def show_jobs(listed: Sequence[api.JobView]) -> None:
 def stop(service: Connection, json_file: JsonOption = None) -> None:
     """Ramp the arm down now and hold every waiting run. May be said at any time and as often as you like.
 
+    Without a service, the run or investigation of this user on that UDP port is asked.
     This is no emergency stop: where the arm does not come to rest, use the one on the robot.
 
     Example: iiwa-ident stop
     """
-    reply = service.ask(api.StopMotion(), api.Stopped)
+    from daemon.queue.control_socket import ServiceUnreachableError
+
+    try:
+        reply = service.ask(api.StopMotion(), api.Stopped)
+    except ServiceUnreachableError:
+        if service.endpoint is not None:
+            raise
+        reply = _stop_without_service(service.port)
     show(reply, json_file, reply.sentence)
+
+
+def _stop_without_service(port: int) -> api.Stopped:
+    """Ask the process of this user that holds a UDP port for the stop, as Ctrl-C in its terminal does.
+
+    Raises NothingToStopError.
+    """
+    from daemon.runtime_folder import port_holders
+
+    holders = port_holders()
+    if port not in holders:
+        raise NothingToStopError(port, sorted(holders))
+    os.kill(holders[port], signal.SIGINT)
+    sentence = (
+        f"Process {holders[port]}, which drives on UDP port {port}, was asked for the stop ramp; it ends with a "
+        "confirmed standstill or says that it is not confirmed."
+    )
+    return api.Stopped(was_moving=True, already=False, run=None, held=0, sentence=sentence)
 
 
 @app.command()

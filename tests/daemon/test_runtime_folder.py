@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import stat
@@ -15,7 +16,9 @@ import pytest
 from daemon.cli.app import main
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
-from daemon.runtime_folder import default_endpoint, lock_folder, lock_port, runtime_folder
+from daemon.runtime_folder import default_endpoint, lock_folder, lock_port, port_holders, runtime_folder
+from daemon.stop_handle import StopHandle
+from tests.daemon.command_line import run
 from tests.ports import free_udp_port
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -41,6 +44,32 @@ def holder() -> Iterator[subprocess.Popen[str]]:
     yield process
     process.kill()
     process.communicate()
+
+
+def test_stop_reaches_a_run_that_no_service_keeps(capsys: pytest.CaptureFixture[str]) -> None:
+    """It named keys and endpoints, and the arm went on. Truth: the signal of Ctrl-C at who has the port's lock."""
+    port, other, stop = free_udp_port(), free_udp_port(), StopHandle()
+    with stop.on_signals(), lock_port("127.0.0.1", port):
+        assert run("stop", "--port", other) == 69
+        said = capsys.readouterr().err
+        assert f"on {port}: say --port" in said
+        assert "emergency stop" in said
+        assert not stop.requested
+        assert run("stop", "--port", port) == 0
+        assert f"Process {os.getpid()}" in capsys.readouterr().out
+        assert stop.signal_number == signal.SIGINT
+    assert run("stop", "--port", port) == 69
+
+
+@pytest.mark.parametrize("left", ["", "1\n", "no number"])
+def test_who_left_a_lock_behind_is_not_stopped(private: Path, left: str) -> None:
+    """Process 1 may be anybody by now."""
+    lock = runtime_folder() / "port-31998.lock"
+    lock.write_text(left)
+    assert run("stop", "--port", 31998) == 69
+    with lock.open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert port_holders() == ({31998: 1} if left == "1\n" else {})
 
 
 def test_the_folder_is_for_its_user_alone(private: Path) -> None:
