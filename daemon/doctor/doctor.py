@@ -23,6 +23,7 @@ from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation, Mirror, observe_link
 from daemon.doctor.wake_ups import measured_wake_ups
 from daemon.host import host_report
+from daemon.runtime_folder import port_holders
 
 ELSEWHERE_S = 1.0
 """How long every other address is listened to where the one asked for stayed silent."""
@@ -155,6 +156,11 @@ def _interface_check(interface: str, host: str) -> DoctorCheck:
 
 def _port_refused(host: str, port: int, error: OSError) -> DoctorCheck:
     if error.errno == errno.EADDRINUSE:
+        if (own := port_holders().get(port)) is not None:
+            # Its socket is that of the loop, whose end leaves a moving arm without answers.
+            sentence = f"UDP port {port} on {host} is in use by another iiwa-ident (process {own})."
+            remedy = f"wait for its end; `iiwa-ident stop --port {port}` brings its arm to rest."
+            return DoctorCheck("port", "failed", sentence, remedy)
         holder = port_holder(port)
         sentence = f"UDP port {port} on {host} is in use by {holder or 'a program of another user'}."
         remedy = f"stop {holder or 'the program that holds it'} or choose another port."

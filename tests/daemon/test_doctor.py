@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import socket
 import threading
 from pathlib import Path
@@ -18,6 +19,7 @@ from daemon.doctor.doctor import DoctorReport, check_address, check_interfaces, 
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_checks import check_link
 from daemon.doctor.link_observation import LinkObservation
+from daemon.runtime_folder import lock_port
 from fri_client.messages import FriVersion
 from fri_client.wire.version_guess import guess_version
 from tests.daemon.command_line import run
@@ -149,6 +151,22 @@ def test_a_port_in_use_is_named_with_its_holder() -> None:
     assert not report.passed
     assert str(port) in check.sentence
     assert holder is None or holder in check.sentence
+
+
+def test_a_port_of_a_run_names_who_can_be_stopped_and_not_its_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The socket is the loop's: killed as the doctor said, it left a moving arm without answers."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        with lock_port("127.0.0.1", port):
+            report = examine(bind_port=port, listen_s=0.0)
+    check = next(check for check in report.checks if check.name == "port")
+    assert check.status == "failed"
+    assert f"another iiwa-ident (process {os.getpid()})" in check.sentence
+    assert f"`iiwa-ident stop --port {port}`" in check.remedy
 
 
 def test_an_address_of_another_machine_is_refused() -> None:
