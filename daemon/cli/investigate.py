@@ -16,6 +16,7 @@ from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOp
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.cli.progress import bar_put_away, progress_shown
 from daemon.cli.protection import folder_to_write
+from daemon.cli.questions import agreed
 from daemon.cli.run import RobotHostOption, address_of, confirm_motion, version_of
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def investigate(
         if not sys.stdin.isatty():
             raise typer.BadParameter("the arm will move, and nobody can be asked here: add --yes or --plan-only.")
         with bar_put_away():
-            return typer.confirm("Drive it", err=True)
+            return agreed("Drive it")
 
     if not resumed:
         account = msgspec.structs.replace(account, added_mass=carried)

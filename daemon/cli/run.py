@@ -29,6 +29,7 @@ from daemon.cli.live_view import LiveOptions, live_served
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, message, told_in_words
 from daemon.cli.protection import folder_to_write, not_a_recording
+from daemon.cli.questions import agreed
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
 
@@ -73,7 +74,7 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
     tool = motion.surroundings.tool.describe()
     message(f"Tool: {tool}. Are the load data on the cabinet those of this tool?")
     message("Is the workspace clear, and the enabling switch in reach?")
-    typer.confirm("Start", abort=True, err=True)
+    agreed("Start", abort=True)
 
 
 @app.command()

@@ -21,6 +21,7 @@ from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
+from daemon.cli.questions import agreed
 from daemon.errors import DaemonError, LogIOError, MissingInputError, NothingToStopError
 from daemon.queue import control_api as api
 
@@ -201,7 +202,7 @@ def _confirm_motion(status: api.StatusReply, what: str = "this run") -> None:
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --confirm if that is meant.")
     message(f"The arm behind {status.bind} WILL MOVE as soon as the queue comes to {what} without being asked again.")
     message("Is the workspace clear, the enabling switch in reach, and the load data of the tool set on the cabinet?")
-    typer.confirm("Queue it", abort=True, err=True)
+    agreed("Queue it", abort=True)
 
 
 def _wait_for_check(service: Connection, job_id: str) -> api.JobView:
