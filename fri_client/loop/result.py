@@ -117,7 +117,8 @@ def explain(
     """
     reason, drop = motion.stop_reason, session.drop
     if outcome == "completed" and settings.monitor_only:
-        ended = "The robot ended its session." if reason is None else reason.sentence
+        left = "The robot ended its session." if session.state == SessionState.IDLE else _unheard(session)
+        ended = left if reason is None else reason.sentence
         sentence = f"{ended} {session.counts.fresh} messages came, and no motion was commanded."
         return LoopResult(outcome, outcome if reason is None else reason.code.name, sentence)
     if outcome == "completed":
@@ -156,6 +157,15 @@ def explain(
             f"refused because {why}."
         )
     return LoopResult(outcome, outcome, sentence)
+
+
+def _unheard(session: Session) -> str:
+    """How a session ended that nobody closed."""
+    sentence = "No message that can be used came from the robot any more."
+    if session.refusal is None:
+        return sentence
+    why = refusal_sentence(session.refusal, session.refusal_joint, session.refusal_value)
+    return f"{sentence} {session.counts.refused} were refused, the last one because {why}."
 
 
 def _how(motion: MotionProgram) -> str:
