@@ -63,7 +63,9 @@ class _QueueDriver:
 
     def ended(self, folder: Path) -> Drive | None:
         del folder
-        return None if self._order.run is None else ended_in(Path(self._order.run))
+        drive = None if self._order.run is None else ended_in(Path(self._order.run))
+        completed = drive is not None and drive.outcome == "recorded"
+        return None if completed and self._order.rung else drive  # a completed rung is no end of the motion
 
 
 def step(order: Order) -> Account:

@@ -28,9 +28,9 @@ class Order(Message, frozen=True, kw_only=True):
     """What one step begins with. folder: of the investigation.
 
     budget_s, recordings, seed: for one that begins; budget_s of one that goes on is a new one. run: folder of the run
-    that drove motion `number`, or the last one where it goes on; run_sentence, run_exit_code: how that ended where the
-    folder does not say. declined: the operator did not want that motion. settle, done, added_mass, after_drop: see
-    SubmitInvestigation.
+    that drove motion `number`, or a rung of its ladder (rung), or the last one where it goes on; run_sentence,
+    run_exit_code: how that ended where the folder does not say. declined: the operator did not want that motion.
+    settle, done, added_mass, after_drop: see SubmitInvestigation.
     """
 
     folder: str
@@ -44,6 +44,7 @@ class Order(Message, frozen=True, kw_only=True):
     goes_on: bool = False
     number: int = 0
     run: str | None = None
+    rung: bool = False
     run_sentence: str = ""
     run_exit_code: int = 1
     declined: bool = False

@@ -97,7 +97,9 @@ class Investigations:
             )
         budget = None if request.budget_minutes is None else 60.0 * request.budget_minutes
         # The run that was told of last is asked once more where nobody knew how it had ended.
-        order = msgspec.structs.replace(_next_order(job.order), goes_on=True, budget_s=budget, run=job.order.run)
+        order = msgspec.structs.replace(
+            _next_order(job.order), goes_on=True, budget_s=budget, run=job.order.run, rung=job.order.rung
+        )
         self._store.change(
             job_id, "queued", "Goes on.", order=_asked(order, request), unasked=request.unasked, exit_code=None
         )
@@ -183,8 +185,9 @@ class Investigations:
         else:
             folder = str(Path(job.folder) / f"motion-{job.motions:02d}")
             said = ("The record of its run is lost.", 1) if run is None else (run.sentence, run.exit_code or 1)
+            rung = not self._config.is_simulation if run is None else run.amplitude < RUNGS[-1]
             order = msgspec.structs.replace(
-                order, number=job.number, run=folder, run_sentence=said[0], run_exit_code=said[1]
+                order, number=job.number, run=folder, rung=rung, run_sentence=said[0], run_exit_code=said[1]
             )
         self._store.change(job.job_id, "queued", "Waits to weigh what was recorded.", order=order)
 

@@ -389,6 +389,26 @@ def test_a_motion_of_which_every_process_was_killed_is_latched_in_the_queue_as_b
 
 
 @pytest.mark.usefixtures("_scripted")
+def test_a_rung_that_was_completed_while_its_service_was_gone_is_no_recording_of_its_motion(tmp_path: Path) -> None:
+    """One period at a tenth of the amplitude counted as the whole motion."""
+    order = msgspec.structs.replace(ran(planned(tmp_path), "completed"), rung=True, run_sentence="Interrupted.")
+    account = queued.step(order)
+    assert (account.state, len(account.recordings), account.sentence) == (State.INTERRUPTED, 2, "Interrupted.")
+    on = msgspec.structs.replace(order, number=0, goes_on=True)
+    assert (queued.step(on).state, len(queued.step(on).recordings)) == (State.PLANNED, 2)
+
+
+def test_the_next_step_is_told_whether_a_run_was_a_rung(tmp_path: Path) -> None:
+    queue = Queue(tmp_path, fri=REAL)
+    queue.begin()
+    queue.think(MOTION)
+    queue.jobs.release()
+    queue.jobs.run_started(queue.runs[0].job_id)
+    queue.end_run(queue.runs[0].job_id, "stopped", 1)
+    assert queue.think(StepAnswer(sentence="Stopped.", exit_code=1, moved_badly=True)).rung
+
+
+@pytest.mark.usefixtures("_scripted")
 def test_a_known_mass_is_taken_off_by_an_order_that_says_so(tmp_path: Path) -> None:
     order = planned(tmp_path)
     weighed = queued.step(msgspec.structs.replace(order, goes_on=True, added_mass=(2.0, 0.0, 0.0, 0.05)))
