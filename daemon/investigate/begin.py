@@ -12,6 +12,7 @@ from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
 from identification.errors import TrajectoryNotFoundError
 from identification.excitation import default_trajectory
+from identification.recordings import refuse_shared_samples
 from identification.recordings.reader import read_recording, recording_file, robot_of
 
 
@@ -19,8 +20,8 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
     """The account of a new investigation. given: recordings or run folders. robot: None is what the recordings say.
 
     Raises ConfigurationError for a budget that is too short, for recordings of different arms and for an arm that has
-    no shipped motions; RecordingError where no robot is given and they do not all say the same one, and the errors of
-    `read_recording`.
+    no shipped motions; RecordingError where no robot is given and they do not all say the same one, and where one is
+    given twice; and the errors of `read_recording`.
     """
     least = smallest_budget_s(len(given))
     if budget_s < least:
@@ -31,6 +32,8 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
         )
     read = [read_recording(file) for file in given]
     refuse_other_arms(read)
+    if read:
+        refuse_shared_samples([read[0], *read[2:]], read[1:2])
     for file, item in zip(given, read, strict=True):
         if robot is not None and item.robot not in (None, robot):
             raise ConfigurationError(f"it is of {item.robot}; --robot says {robot}.", file=str(file))

@@ -317,6 +317,11 @@ def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
         (("--budget", "3", "--from", "a.npz", "--from", "seven.npz"), 65, "is of robot iiwa7"),
         (("--budget", "4", "--robot", "iiwa7"), 78, "motions for an iiwa 14 only, and this arm is iiwa7"),
         (("--budget", "3", "--from", "seven.npz"), 78, "`iiwa-ident design --robot iiwa7`"),
+        (
+            ("--budget", "3", "--from", "a.npz", "--from", "a.npz"),
+            65,
+            "a recording cannot confirm what was fitted to it",
+        ),
         (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
         (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
         ((), 2, "--budget"),
