@@ -46,6 +46,7 @@ from identification.fitting.torque_sign import TorqueSign, judge_torque_sign, no
 from identification.recordings.independence import recording_names, refuse_repeated
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
+from identification.recordings.standing import standing_values
 from identification.recordings.units import wrong_torque_unit
 from identification.robots import RobotModel
 from identification.signals.processed import ProcessedSignals
@@ -161,11 +162,21 @@ def _notes(
         *notes_on_signs(sign),
         *([f"WARNING, {wrong_unit} Every parameter scales with them"] if wrong_unit else []),
         *notes_on_joints_missed(rms),
+        *_notes_on_standing([item.recording for item in processed]),
         *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
         *([] if band is None else [band.sentence]),
         *on_fit,
     )
     return tuple(sorted(notes, key=lambda note: not note.startswith("WARNING")))
+
+
+def _notes_on_standing(recordings: Sequence[Recording]) -> list[str]:
+    """A warning for each sensor that stands while it should change: the parameters of all joints bend to it."""
+    return [
+        f"WARNING, {name}: {finding.sentence}; every parameter bends to that: leave these rows out, or record anew"
+        for recording, name in zip(recordings, recording_names(recordings), strict=True)
+        for finding in standing_values(recording)
+    ]
 
 
 def _notes_on_fit(

@@ -45,6 +45,7 @@ def import_recording(
     Example: iiwa-ident import measured.npz --robot arm.urdf --out measured.mcap
     """
     from identification.recordings import read_recording, write_recording
+    from identification.recordings.standing import standing_values
 
     if out is not None and len(files) > 1:
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
@@ -70,7 +71,8 @@ def import_recording(
                 f"{file}: {recording.samples} samples of {recording.n} joints, {recording.duration_s:.3f} s, "
                 f"written to {target}"
             )
-            data_lines(f"  {finding.sentence}" for finding in recording.report.findings)
+            said = (*recording.report.findings, *standing_values(recording))
+            data_lines(f"  {finding.sentence}" for finding in said)
     if json_file is not None:
         write_json(json_file, results)
 

@@ -88,6 +88,7 @@ class RecordedArm:
         """
         from identification.audit.mount import other_stand, require_stated_stand
         from identification.recordings.reader import read_inputs
+        from identification.recordings.standing import standing_values
 
         def read(stand: Installation | None) -> Inputs:
             return read_inputs(
@@ -98,7 +99,7 @@ class RecordedArm:
         if not say:
             return inputs
         for log, recording in zip(logs, inputs.recordings, strict=True):
-            for finding in recording.report.findings:
+            for finding in (*recording.report.findings, *standing_values(recording)):
                 message(f"{log}: {finding.sentence}")
         if self.finds_mount:
             found = other_stand(inputs.recordings, inputs.robot)

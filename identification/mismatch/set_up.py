@@ -41,7 +41,7 @@ FAULTS = {
     "clock": (("wrong_time_base",), "Inertia and velocity go by the clock as stated."),
     "rows": (
         ("lost_samples", "garbled_rows", "saturated_sensor"),
-        "No rows are lost, repeated or garbled, and no sensor is at its end.",
+        "No rows are lost, repeated or garbled, and no sensor is at its end or stands.",
     ),
 }
 LATEST_S = 0.005

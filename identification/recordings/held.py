@@ -19,7 +19,7 @@ LONGEST_HELD_S = 0.025
 """Positions of 40 Hz carry the 20 Hz up to which motion is looked for."""
 _REGULAR = 0.9
 """Share of the steps from news to news that are within one row of the usual step."""
-_OF_A_QUANTUM = 2.0
+OF_A_QUANTUM = 2.0
 """Times the tenth percentile of a channel's changes that their median is at most where a coarse sensor turns over by
 one step now and then; a source that comes late brings changes as different as the motion makes them."""
 
@@ -59,7 +59,7 @@ def refuse_staircase(path: Path, position: FloatArray, step_s: float) -> None:
     for joint, values in enumerate(position.T):
         news = np.flatnonzero(_news(values[:, None]))
         steps, leaps = np.diff(news), np.abs(np.diff(values[news]))
-        if not leaps.size or _is_coarse(values[news, None]):
+        if not leaps.size or is_coarse(values[news, None]):
             continue
         order = np.argsort(steps)
         way = np.cumsum(leaps[order])
@@ -91,13 +91,13 @@ def _rows_per_news(values: FloatArray) -> int:
     changed = values[news[1:]] != values[news[1:] - 1]
     together = float(changed[:, changed.any(axis=0)].mean())
     regular = float((np.abs(steps - usual) <= 1).mean()) >= _REGULAR
-    return usual if usual >= 2 and together >= _TOGETHER and (regular or not _is_coarse(values[news])) else 1
+    return usual if usual >= 2 and together >= _TOGETHER and (regular or not is_coarse(values[news])) else 1
 
 
-def _is_coarse(values: FloatArray) -> bool:
+def is_coarse(values: FloatArray) -> bool:
     """Whether the changes of all channels are of one step of a sensor. values: (R, n) rows with news."""
     changes = np.abs(np.diff(values, axis=0))
     changes[changes == 0.0] = np.nan
     changes = changes[:, np.isfinite(changes).any(axis=0)]
     step, usual = np.nanpercentile(changes, [10.0, 50.0], axis=0)
-    return bool(np.all(usual <= _OF_A_QUANTUM * step))
+    return bool(np.all(usual <= OF_A_QUANTUM * step))

@@ -1,7 +1,7 @@
 """Faults of the data that no physics explains: looked for before any effect is.
 
-What the import found in single rows is passed on, not searched again. A clipped torque shows as a plateau at its own
-extreme. Signs (`torque_signs`) and time base are questions to the rigid body itself: gravity does not know the clock
+What the import found in single rows is passed on, not searched again; what stands is found in `recordings.standing`.
+Signs (`torque_signs`) and time base are questions to the rigid body itself: gravity does not know the clock
 while inertia torque goes with its square. A clock is claimed only where it also shows beside free physics of every
 joint: a fault must explain what that cannot.
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from identification.arrays import FloatArray, longest_run
+from identification.arrays import FloatArray
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import shortest_solution
@@ -32,6 +32,7 @@ from identification.mismatch.findings import DataFault
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
+from identification.recordings.standing import STANDING, standing_values
 from identification.signals.processed import ProcessedSignals
 
 ROW_FAULTS = {
@@ -40,11 +41,10 @@ ROW_FAULTS = {
     "garbled_rows": "garbled_rows",
     "time_backwards": "garbled_rows",
     "wrong_joint_order": "wrong_joint_order",
+    "clipped_torque": "saturated_sensor",
+    "standing_torque": "lost_samples",
 }
-"""Kinds of the import's findings. A repeated row stands for a sample that did not come."""
-PLATEAU_SAMPLES = 10
-PLATEAU_RUN = 3
-PLATEAU_OVER_NEIGHBOUR = 5.0
+"""Kinds of what is found in rows. A row or a value that is repeated stands for a sample that did not come."""
 TIME_BASE_COST_RATIO = 1.3
 _CUTOFF = 1e-9
 
@@ -61,10 +61,10 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
     for recording, stretch, own, name in zip(recordings, thinned, signs, recording_names(recordings), strict=True):
         faults = [
             _row_fault(recording, finding, name)
-            for finding in recording.report.findings
+            for finding in (*recording.report.findings, *standing_values(recording))
             if finding.kind in ROW_FAULTS and not (finding.kind == "gap" and _gaps_are_dropped_rows(recording))
         ]
-        faults += [*_saturation(recording, name), *_inverted(own, name)]
+        faults += _inverted(own, name)
         time_base = None if stretch is None else _time_base(recording, stretch, regressor, own, name)
         faults += [] if time_base is None else [time_base]
         found.append(tuple(replace(fault, recording=name) for fault in faults))
@@ -87,7 +87,11 @@ def stops_physics(faults: Sequence[DataFault]) -> bool:
 
 def _row_fault(recording: Recording, finding: Finding, name: str) -> DataFault:
     fault = ROW_FAULTS[finding.kind]
-    after = " What was recorded beside the gaps is used as it is." if fault == "lost_samples" else ""
+    after = ""
+    if finding.kind in ("gap", "repeated_rows"):
+        after = " What was recorded beside the gaps is used as it is."
+    elif finding.kind in STANDING:
+        after = " Leave these rows out, or record anew."
     joints = tuple(range(1, recording.n + 1)) if finding.joint is None else (finding.joint,)
     rows = (finding.first_row, finding.last_row, finding.count)
     return DataFault(fault, joints, f"{name}: {finding.sentence}.{after}", rows=rows)
@@ -97,39 +101,6 @@ def _gaps_are_dropped_rows(recording: Recording) -> bool:
     """Whether the holes in the time stamps are no more than the rows that the import itself left out."""
     missing = np.round(np.diff(recording.time) / recording.sampling_period_s - 1.0)
     return bool(missing[missing > 0.0].sum() <= recording.report.rows_read - recording.report.rows_kept)
-
-
-def _saturation(recording: Recording, name: str) -> list[DataFault]:
-    """Joints whose torque stays at its largest or smallest value while the robot moves."""
-    faults = []
-    moving = np.concatenate([[True], (np.diff(recording.position, axis=0) != 0.0).any(axis=1)])
-    for joint in range(recording.n):
-        torque = recording.torque[:, joint]
-        rows: list[int] = []
-        sides = []
-        for extreme in (torque.max(), torque.min()):
-            at = (torque == extreme) & moving
-            if at.sum() < PLATEAU_SAMPLES or longest_run(at) < PLATEAU_RUN:
-                continue
-            values, counts = np.unique(torque, return_counts=True)
-            beside = np.argsort(np.abs(values - extreme))[1:4]
-            neighbour = int(counts[beside].max()) if beside.size else 0
-            if at.sum() > PLATEAU_OVER_NEIGHBOUR * neighbour and values.size > 10:
-                rows.extend(np.flatnonzero(at).tolist())
-                sides.append(float(extreme))
-        if rows:
-            limits = " and ".join(f"{side:+.4g}" for side in sides)
-            faults.append(
-                DataFault(
-                    "saturated_sensor",
-                    (joint + 1,),
-                    f"{name}: the torque of joint {joint + 1} is cut off at {limits} {recording.torque_unit} in "
-                    f"{len(rows)} samples between rows {min(rows) + 1} and {max(rows) + 1}; leave them out or record "
-                    "with less load.",
-                    rows=(min(rows) + 1, max(rows) + 1, len(rows)),
-                )
-            )
-    return faults
 
 
 def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
