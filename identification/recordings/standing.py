@@ -1,4 +1,4 @@
-"""What stands while it should change: a torque cut off at its end, or held.
+"""What stands while it should change: a torque cut off at its end or held, an encoder that is stuck.
 
 Exact equality of neighbouring rows tells it, against what the same sensor does elsewhere in the recording. No row is
 left out for it: fits warn, and the diagnosis calls it a fault of the data. Pure functions of a recording.
@@ -14,7 +14,7 @@ from identification.recordings.recording import Finding, Recording
 
 __all__ = ["STANDING", "standing_values"]
 
-STANDING = ("clipped_torque", "standing_torque")
+STANDING = ("clipped_torque", "standing_torque", "stuck_position")
 """The kinds of finding made here."""
 
 PLATEAU_SAMPLES = 10
@@ -30,7 +30,8 @@ def standing_values(recording: Recording) -> tuple[Finding, ...]:
     """What stands in rows in which it should not, by joint, with rows (from 1) and their share; none of a sound one.
 
     clipped_torque: the torque stays at its largest or smallest value while the arm moves. standing_torque: it keeps one
-    value, to the bit, for longer than its steps explain, while its joint moves.
+    value, to the bit, for longer than its steps explain, while its joint moves. stuck_position: the position stops
+    from one row to the next, or goes on with a leap, while other joints move.
     """
     found = []
     step = np.abs(np.diff(recording.position, axis=0))
@@ -48,6 +49,10 @@ def standing_values(recording: Recording) -> tuple[Finding, ...]:
             zero = bool((torque[held] == 0.0).all())
             what = "the torque is exactly 0" if zero else "the torque keeps the value of the row before"
             found.append(_finding("standing_torque", held, joint, f"{what} while the joint moves"))
+        stuck = _stuck(recording, joint)
+        if stuck.any():
+            what = "the position stands while other joints move, and stops or goes on at full speed: a stuck encoder"
+            found.append(_finding("stuck_position", stuck, joint, what))
     return tuple(found)
 
 
@@ -123,3 +128,35 @@ def _in_motion(recording: Recording, joint: int) -> BoolArray:
     position = recording.position[:, joint]
     speed = np.abs(position[behind] - position[before]) / (recording.time[behind] - recording.time[before])
     return np.asarray(speed > AT_REST * speed.max(), dtype=np.bool_)
+
+
+def _stuck(recording: Recording, joint: int) -> BoolArray:
+    """(N,) rows that repeat a joint's position though it moves: it leaps from there by more than it ever goes from row
+    to row, or stops there by a change of speed that it shows nowhere else, not where it starts either.
+
+    A joint that rests slows down before, as fast as it speeds up. The rest of the rows has to bring news.
+    """
+    step = np.diff(recording.position[:, joint])
+    marked = np.zeros(recording.samples, dtype=np.bool_)
+    runs = _unlikely_runs(np.abs(step))
+    others = np.column_stack([np.delete(recording.position, joint, axis=1), recording.torque[:, joint]])
+    news = (np.diff(others, axis=0) != 0.0).any(axis=1)
+    runs = np.array([run for run in runs if news[slice(*run)].mean() > 0.5], dtype=np.int64).reshape(-1, 2)
+    if not runs.size:
+        return marked
+    speed = np.append(step / np.diff(recording.time), 0.0)  # behind the last row nothing leaps
+    change = np.abs(np.diff(speed))
+    usual = np.abs(speed)
+    usual[runs[:, 1]] = 0.0
+    leaps = np.abs(speed[runs[:, 1]]) > usual.max()
+    ordinary = change.copy()
+    stops = runs[:, 0] - 1
+    ordinary[stops[stops >= 0]] = 0.0
+    for behind in runs[leaps, 1]:
+        ordinary[behind - 1 : behind + 1] = 0.0
+    largest = np.argsort(ordinary)[::-1][:3]
+    for (first, behind), leap in zip(runs, leaps, strict=True):
+        elsewhere = next(ordinary[place] for place in largest if place not in (behind - 1, behind))
+        if leap or (first > 0 and change[first - 1] > elsewhere):
+            marked[first + 1 : behind + 1] = True
+    return marked

@@ -76,6 +76,24 @@ def test_a_torque_that_is_held_is_named(name: str) -> None:
     assert (found.first_row, found.last_row) == (middle + 2, middle + 30)
 
 
+@pytest.mark.parametrize("name", ["kr300_a", "lbrmed7", "ur10", "tx40_excitation"])
+def test_an_encoder_that_is_stuck_is_named_and_a_joint_that_rests_is_not(name: str) -> None:
+    """It was a large misfit of that joint without a name."""
+    recording = real(name)
+    middle, length = recording.samples // 2, recording.samples // 10
+    stuck = recording.position.copy()
+    stuck[middle : middle + length, 0] = stuck[middle, 0]
+    (found,) = standing_values(replace(recording, position=stuck))
+    assert (found.kind, found.joint) == ("stuck_position", 1)
+    assert found.count == pytest.approx(length, abs=0.01 * recording.samples)
+    # At rest before and after: its own motion in between, begun and ended from a rest, as far as the joint goes.
+    rests = np.interp(np.arange(recording.samples), [middle, recording.samples - 1], [0.0, np.pi])
+    resting = recording.position.copy()
+    resting[:, 0] = 0.5 - 0.5 * np.cos(rests)
+    resting[:middle, 0] = 0.0
+    assert standing_values(replace(recording, position=resting)) == ()
+
+
 def test_fit_warns_of_a_torque_that_is_cut_off_and_doctor_names_it(
     iiwa14: RobotModel, table3: PhysicalParameters
 ) -> None:

@@ -43,6 +43,7 @@ ROW_FAULTS = {
     "wrong_joint_order": "wrong_joint_order",
     "clipped_torque": "saturated_sensor",
     "standing_torque": "lost_samples",
+    "stuck_position": "lost_samples",
 }
 """Kinds of what is found in rows. A row or a value that is repeated stands for a sample that did not come."""
 TIME_BASE_COST_RATIO = 1.3
