@@ -14,7 +14,7 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
 from identification.recordings.held import held_rows, rows_of_a_slower_source
-from identification.recordings.labels import label_by_time, repeating_period, standing_apart, unfilled
+from identification.recordings.labels import labels_of_a_stated_period, labels_of_the_run
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.repetition import unstated_period
 from identification.recordings.row_clock import CROWDED_ROW, crowded, row_clock
@@ -47,7 +47,7 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     rows_read = table.time.shape[0]
     findings = list(table.findings)
     number = np.arange(1, rows_read + 1, dtype=np.int64)
-    keep = _usable(table, number, findings)
+    keep, every = _usable(table, number, findings)
     time = table.time[keep]
     if (clock := row_clock(time, _kept(table.position, keep))) is not None:
         time, again = clock.time, clock.again
@@ -72,12 +72,9 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     for name, values in table.optional.items():
         arrays[name] = _optional_array(name, _kept(values, keep), moves, findings, rows_read)
     if table.period_index is not None and table.sample_in_period is not None:
-        arrays["period_index"] = table.period_index[keep]
-        arrays["sample_in_period"] = table.sample_in_period[keep]
-        arrays["period_s"] = table.period_s
-        arrays["samples_per_period"] = table.samples_per_period
+        arrays.update(labels_of_the_run(table, keep, every, findings))
     elif table.period_s:
-        arrays.update(_labels(table, time, position, sampling_period_s, findings, rows_read))
+        arrays.update(labels_of_a_stated_period(table, time, position, sampling_period_s, findings, rows_read))
     elif table.period_s is None and (period_s := unstated_period(time, position, sampling_period_s)) is not None:
         sentence = (
             f"the motion repeats every {period_s:.5g} s, {(time[-1] - time[0]) / period_s:.2g} times, but no period is "
@@ -100,10 +97,11 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     )
 
 
-def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> BoolArray:
+def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> tuple[BoolArray, int]:
     """(R,) rows that hold: finite, in the order of time, no spike, no sample held. Why others do not joins `findings`.
 
-    number: of each row, from 1. Raises RecordingError where too many do not.
+    number: of each row, from 1. Also returned: in how many rows of the file its source brings news once. Raises
+    RecordingError where too many rows do not hold.
     """
     keep = np.ones(number.size, dtype=np.bool_)
     finite = np.isfinite(table.time)
@@ -144,7 +142,7 @@ def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> BoolA
     if left_out:
         keep[keep] = ~held
     _refuse_too_many(table, keep | slower, "are garbled or repeated")
-    return keep
+    return keep, every
 
 
 def _kept(values: FloatArray, keep: BoolArray) -> FloatArray:
@@ -338,63 +336,3 @@ def _refuse_dead_torque(table: RawTable, torque: FloatArray, moves: BoolArray, f
     for joint in np.flatnonzero(dead):
         sentence = f"joint {joint + 1}: tau stays at {torque[0, joint]:g} although the joint moves; is it measured?"
         findings.append(Finding.of_all("dead_torque", table.time.shape[0], sentence, int(joint) + 1))
-
-
-def _labels(
-    table: RawTable,
-    time: FloatArray,
-    position: FloatArray,
-    sampling_period_s: float,
-    findings: list[Finding],
-    rows: int,
-) -> dict[str, Any]:
-    """Period labels from the stated period, or from the one near it with which the motion repeats."""
-    assert table.period_s is not None
-    if not np.isfinite(table.period_s) or table.period_s < 0.0:
-        raise RecordingError.named(
-            table.path,
-            f"period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that is not periodic",
-        )
-    if _is_short(time, table.period_s, findings, rows):
-        return {}
-    period_s = repeating_period(time, position, table.period_s, sampling_period_s)
-    if period_s != table.period_s:
-        off = 100.0 * abs(period_s / table.period_s - 1.0)
-        sentence = (
-            f"by its stamps the motion repeats every {period_s:.7g} s, not every {table.period_s:.7g} s as stated; "
-            f"that is taken. Else the clock is {off:.2g} % off, or the arm follows later and later"
-        )
-        findings.append(Finding.of_all("other_period", rows, sentence))
-    standing = standing_apart(time, position, period_s)
-    if standing.any():
-        sentence = (
-            f"before the motion or after it the arm stands for {standing.sum() * sampling_period_s:.3g} s; the periods "
-            "are taken without that"
-        )
-        findings.append(Finding.of_all("standing_ends", rows, sentence))
-    moving = time[~standing]
-    if _is_short(moving, period_s, findings, rows):
-        return {}
-    # Of coarse stamps (3, 3, 4 ms) and of late ones the mean step is the true one, of rows with a gap the median.
-    steps = np.unique([sampling_period_s, (moving[-1] - moving[0]) / (moving.size - 1)])
-    choices = [label_by_time(moving, period_s, float(step)) for step in steps]
-    period_index, sample = np.full((2, time.size), -1, dtype=np.int64)
-    period_index[~standing], sample[~standing], per_period = min(choices, key=unfilled)
-    return {
-        "period_index": period_index,
-        "sample_in_period": sample,
-        "period_s": float(period_s),
-        "samples_per_period": per_period,
-    }
-
-
-def _is_short(time: FloatArray, period_s: float, findings: list[Finding], rows: int) -> bool:
-    """Whether the motion covers less than its stated period, which joins `findings`."""
-    if time[-1] - time[0] >= 0.99 * period_s:
-        return False
-    sentence = (
-        f"the motion covers {time[-1] - time[0]:.4g} s of a stated period of {period_s:.4g} s; it is used as not "
-        "periodic"
-    )
-    findings.append(Finding.of_all("short_of_a_period", rows, sentence))
-    return True

@@ -84,7 +84,7 @@ def _news(values: FloatArray) -> BoolArray:
 def _rows_per_news(values: FloatArray) -> int:
     """Rows of the file per row of its source: 1 where the source is as fast, or only coarse."""
     news = np.flatnonzero(_news(values))
-    if 2 * news.size > values.shape[0] or news.size < 3:
+    if 2 * (news.size - 1) > values.shape[0] or news.size < 3:  # the first row is no news of a source
         return 1
     steps = np.diff(news)
     usual = int(np.median(steps))

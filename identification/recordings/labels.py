@@ -1,11 +1,18 @@
-"""Period labels for recordings that only state their period: which period and which sample of it a row belongs to."""
+"""Which period and which sample of it a row belongs to, by the run's own labels or by the stated period."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.errors import RecordingError
+from identification.recordings.recording import Finding
+from identification.recordings.table import RawTable
 
+SAME_SAMPLES = 0.9
+"""Share of the rows of a slower source that are at the same samples of each period: others are late ones."""
 SMALLEST_COVERAGE = 0.5
 LARGEST_ERROR_OF_PERIOD = 0.05
 """Share by which a stated period may be off and still be the one that is meant."""
@@ -21,6 +28,95 @@ and up to which half of these rows are, if it stands there and does not only pas
 LEAST_OF_MOTION = 0.01
 """Of the largest joint's motion: what moves less is no more than its noise, and counts by this."""
 _ROUNDS, _ROWS = 8, 20_000
+
+
+def labels_of_the_run(table: RawTable, keep: BoolArray, every: int, findings: list[Finding]) -> dict[str, Any]:
+    """Period labels that the run itself wrote, of the rows kept. Of a source that brings news once in `every` rows the
+    same samples of each period are left, and are counted anew; where they are others in each period, there are none.
+    """
+    assert table.period_index is not None
+    assert table.sample_in_period is not None
+    period_index, sample = table.period_index[keep], table.sample_in_period[keep]
+    per_period = table.samples_per_period or int(sample.max()) + 1
+    if every > 1:
+        place = sample[period_index >= 0] % every
+        usual = int(np.bincount(place).argmax()) if place.size else 0
+        if per_period % every or float((place == usual).mean()) < SAME_SAMPLES:
+            sentence = (
+                f"a source that brings news once in {every} rows is at other samples of the {per_period} in each "
+                "period; it is used as not periodic"
+            )
+            findings.append(Finding.of_all("periods_not_used", keep.size, sentence))
+            return {}
+        other = (period_index < 0) | (sample % every != usual)
+        period_index, sample = np.where(other, -1, period_index), np.where(other, -1, sample // every)
+        per_period //= every
+    return {
+        "period_index": period_index,
+        "sample_in_period": sample,
+        "period_s": table.period_s,
+        "samples_per_period": per_period,
+    }
+
+
+def labels_of_a_stated_period(
+    table: RawTable,
+    time: FloatArray,
+    position: FloatArray,
+    sampling_period_s: float,
+    findings: list[Finding],
+    rows: int,
+) -> dict[str, Any]:
+    """Period labels from the stated period, or from the one near it with which the motion repeats."""
+    assert table.period_s is not None
+    if not np.isfinite(table.period_s) or table.period_s < 0.0:
+        raise RecordingError.named(
+            table.path,
+            f"period_s is {table.period_s:g}; it is a time in seconds, or 0 for a recording that is not periodic",
+        )
+    if _is_short(time, table.period_s, findings, rows):
+        return {}
+    period_s = repeating_period(time, position, table.period_s, sampling_period_s)
+    if period_s != table.period_s:
+        off = 100.0 * abs(period_s / table.period_s - 1.0)
+        sentence = (
+            f"by its stamps the motion repeats every {period_s:.7g} s, not every {table.period_s:.7g} s as stated; "
+            f"that is taken. Else the clock is {off:.2g} % off, or the arm follows later and later"
+        )
+        findings.append(Finding.of_all("other_period", rows, sentence))
+    standing = standing_apart(time, position, period_s)
+    if standing.any():
+        sentence = (
+            f"before the motion or after it the arm stands for {standing.sum() * sampling_period_s:.3g} s; the periods "
+            "are taken without that"
+        )
+        findings.append(Finding.of_all("standing_ends", rows, sentence))
+    moving = time[~standing]
+    if _is_short(moving, period_s, findings, rows):
+        return {}
+    # Of coarse stamps (3, 3, 4 ms) and of late ones the mean step is the true one, of rows with a gap the median.
+    steps = np.unique([sampling_period_s, (moving[-1] - moving[0]) / (moving.size - 1)])
+    choices = [label_by_time(moving, period_s, float(step)) for step in steps]
+    period_index, sample = np.full((2, time.size), -1, dtype=np.int64)
+    period_index[~standing], sample[~standing], per_period = min(choices, key=unfilled)
+    return {
+        "period_index": period_index,
+        "sample_in_period": sample,
+        "period_s": float(period_s),
+        "samples_per_period": per_period,
+    }
+
+
+def _is_short(time: FloatArray, period_s: float, findings: list[Finding], rows: int) -> bool:
+    """Whether the motion covers less than its stated period, which joins `findings`."""
+    if time[-1] - time[0] >= 0.99 * period_s:
+        return False
+    sentence = (
+        f"the motion covers {time[-1] - time[0]:.4g} s of a stated period of {period_s:.4g} s; it is used as not "
+        "periodic"
+    )
+    findings.append(Finding.of_all("short_of_a_period", rows, sentence))
+    return True
 
 
 def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sampling_period_s: float) -> float:

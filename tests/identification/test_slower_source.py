@@ -10,6 +10,10 @@ import pytest
 
 from identification.errors import RecordingError
 from identification.recordings import Recording, read_recording
+from identification.recordings.cleaning import build_recording
+from identification.recordings.table import RawTable
+from identification.signals.periods import average_periods, period_table
+from tests.identification.synthetic import fourier_motion
 
 ROWS, EVERY, STEP = 2000, 10, 0.002
 
@@ -128,3 +132,36 @@ def test_an_arm_that_rests_most_of_the_time_is_no_staircase(tmp_path: Path) -> N
     values["q"][500:] = rest
     (tmp_path / "three.urdf").write_text(THREE)
     assert read(tmp_path, "resting", **values).samples == ROWS
+
+
+def labelled(every: int, phase: int, per_period: int = 1000, periods: int = 4) -> RawTable:
+    """A run's own rows with labels, whose positions come once in so many rows, from row `phase` on."""
+    motion, _, acceleration = fourier_motion(3, period_s=5.0, samples=per_period, seed=1)
+    rows = np.arange(periods * per_period)
+    torque = 5.0 * np.tile(acceleration, (periods, 1)) + 0.01 * np.random.default_rng(0).normal(size=(rows.size, 3))
+    held = np.maximum((rows - phase) // every * every + phase, 0)
+    return RawTable(
+        Path("run.mcap"), "log", 5.0 / per_period * rows, np.tile(motion, (periods, 1))[held], torque,
+        period_s=5.0, samples_per_period=per_period, period_index=rows // per_period,
+        sample_in_period=rows % per_period,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("every", "phase"), [(2, 0), (2, 1), (4, 1)])
+def test_periods_of_a_log_whose_positions_are_held_are_those_of_the_rows_with_news(every: int, phase: int) -> None:
+    """They were refused with "record at least one period more"; from row 1 on, half the rows were taken for motion."""
+    recording = build_recording(labelled(every, phase), sha256="x")
+    table = period_table(recording)
+    motion, _, _ = fourier_motion(3, period_s=5.0, samples=1000, seed=1)
+    assert table.sampling_period_s == pytest.approx(every * 0.005)
+    for period in table.position:
+        known = np.isfinite(period[:, 0])
+        assert known.sum() >= 1000 // every - 1
+        np.testing.assert_array_equal(period[known], motion[phase::every][known])
+    assert len(average_periods(table).position) == 1000 // every
+
+
+def test_a_log_whose_news_are_at_other_samples_of_each_period_is_used_without_periods() -> None:
+    recording = build_recording(labelled(3, 0), sha256="x")
+    assert not recording.is_periodic
+    assert "once in 3 rows is at other samples" in recording.report.of_kind("periods_not_used")[0].sentence
