@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from identification.arrays import FloatArray
+from identification.audit.mount import counts_otherwise
+from identification.audit.turned import TurnedJoint
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
@@ -27,7 +29,7 @@ from identification.fitting.band import BandChoice
 from identification.fitting.blocks import Block, Evaluation, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
 from identification.fitting.estimate import Estimate
-from identification.fitting.misfit import misfit_over_noise, notes_on_joints_missed
+from identification.fitting.misfit import Misfit, misfit_over_noise, notes_on_joints_missed
 from identification.fitting.nominal_model import (
     NominalModel,
     blocks_as,
@@ -96,8 +98,9 @@ def fit_recordings(
     if settings.check_torque_sign:
         _refuse_wrong_sign(sign, processed)
 
-    wrong_unit = _wrong_torque_unit(recordings, robot, sign)
-    with _blamed_on_units(recordings, wrong_unit):
+    misfit = misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values)
+    misread = _Misread.of(processed, robot, sign, misfit)
+    with misread.blamed_for_no_solution(recordings[0]):
         real = _real_bodies(blocks, robot, regressor, least_squares, settings, report)
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
@@ -119,39 +122,59 @@ def fit_recordings(
         feasibility=real.feasibility,
         rms=rms,
         noise_floor_nm=noise_floor,
-        misfit=misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values),
+        misfit=misfit,
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=_notes(sign, wrong_unit, rms, processed, band, _notes_on_fit(model, least_squares, recordings, settings)),
+        notes=_notes(sign, misread, rms, processed, band, _notes_on_fit(model, least_squares, recordings, settings)),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
     return result
 
 
-def _wrong_torque_unit(recordings: Sequence[Recording], robot: RobotModel, sign: TorqueSign) -> str:
-    """Why torques whose unit nobody stated are of no arm of that size; empty where they may be."""
-    unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
-    largest = [float(np.abs(item.torque).max()) for item in unstated]
-    gravity_acts = bool(np.isfinite(sign.gravity_correlation))
-    return wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
+@dataclass(frozen=True, slots=True)
+class _Misread:
+    """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
+    they may be. turned: the joint that counts the other way than the robot's model.
+    """
 
+    wrong_unit: str
+    turned: TurnedJoint | None
 
-@contextmanager
-def _blamed_on_units(recordings: Sequence[Recording], wrong_unit: str) -> Iterator[None]:
-    """A program that has no solution in numbers of a wrong size is the fault of their unit, which is said."""
-    try:
-        yield
-    except SolverError as error:
-        if not wrong_unit:
+    @classmethod
+    def of(cls, processed: Sequence[Processed], robot: RobotModel, sign: TorqueSign, misfit: Misfit) -> _Misread:
+        """Of what is fitted; where nothing but noise is left, no joint is turned."""
+        recordings = [item.recording for item in processed]
+        unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
+        largest = [float(np.abs(item.torque).max()) for item in unstated]
+        gravity_acts = bool(np.isfinite(sign.gravity_correlation))
+        wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
+        return cls(wrong_unit, counts_otherwise(recordings, robot) if misfit.may_be_more_than_noise else None)
+
+    @property
+    def notes(self) -> list[str]:
+        """A warning for each."""
+        turned = [] if self.turned is None else [f"WARNING, {self.turned.sentence.rstrip('.')}"]
+        return [*([f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []), *turned]
+
+    @contextmanager
+    def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:
+        """A program that has no solution in such numbers is their fault, which is said."""
+        try:
+            yield
+        except SolverError as error:
+            path = recording.source.path
+            if self.turned is not None:
+                raise RecordingError.named(path, self.turned.sentence.rstrip("."), field="q") from error
+            if self.wrong_unit:
+                raise RecordingError.named(path, self.wrong_unit, field="tau") from error
             raise
-        raise RecordingError.named(recordings[0].source.path, wrong_unit, field="tau") from error
 
 
 def _notes(
     sign: TorqueSign,
-    wrong_unit: str,
+    misread: _Misread,
     rms: RmsTable,
     processed: Sequence[Processed],
     band: BandChoice | None,
@@ -160,7 +183,7 @@ def _notes(
     """All that is said of a fit, what spoils it first."""
     notes = (
         *notes_on_signs(sign),
-        *([f"WARNING, {wrong_unit} Every parameter scales with them"] if wrong_unit else []),
+        *misread.notes,
         *notes_on_joints_missed(rms),
         *_notes_on_standing([item.recording for item in processed]),
         *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),

@@ -17,7 +17,7 @@ from identification.audit.directions import Directions
 from identification.audit.exchange import exchanged_positions
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, rows_of
-from identification.audit.turned import turned_joint
+from identification.audit.turned import TurnedJoint, turned_joint
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
@@ -135,6 +135,20 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
                 raise RecordingError.at(recording.source.path, misplaced.sentence, field="q")
             return recording, found
     return None
+
+
+def counts_otherwise(recordings: Sequence[Recording], robot: RobotModel) -> TurnedJoint | None:
+    """The joint that counts the other way than the robot's model; None where none does, or another stand is likelier.
+
+    Of recordings at rest or too short nothing is said.
+    """
+    parts = [excerpt(recording) for recording in recordings]
+    try:
+        found = turned_joint(parts, robot)
+        stand = None if found is None else mounting_of(parts, robot, found.gain)
+    except RecordingError:
+        return None
+    return None if stand is not None and stand.is_other else found
 
 
 def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: float = -np.inf) -> Mounting | None:

@@ -41,6 +41,11 @@ class Misfit:
         return bool(np.isfinite(self.over_noise).all())
 
     @property
+    def may_be_more_than_noise(self) -> bool:
+        """Whether noise is not all that is left, as far as the recordings tell."""
+        return not self.known or bool(self.detected.any())
+
+    @property
     def sentence(self) -> str:
         """What an operator should know and do."""
         if not self.known:

@@ -12,14 +12,16 @@ from identification.audit.audit import audit
 from identification.audit.mount import require_stated_stand
 from identification.audit.turned import turned_joint
 from identification.errors import RecordingError
+from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import examine_set_up
 from identification.model_file import read_model, write_model
 from identification.recording_fit import fit_recordings
-from identification.recordings import Recording
+from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.exported import random_arm, random_bodies
 from tests.identification.mismatch.test_order_of_joints import ARMS, measured
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
+from tests.reference import recording_file
 
 
 def turned(recording: Recording, joint: int, *names: str) -> Recording:
@@ -49,6 +51,25 @@ def test_a_joint_that_counts_the_other_way_is_named(
     found = turned_joint([turned(recording, joint, *names)], robot)
     assert found is not None
     assert (found.joint, found.with_torque) == (joint, len(names) == 2)
+
+
+def test_fit_warns_of_the_joint_and_of_none_in_a_sound_recording(arm: tuple[Recording, RobotModel]) -> None:
+    """Around the vertical first axis gravity does not betray it, so nothing was said."""
+    recording, robot = arm
+    for joint in (None, 1):
+        damaged = recording if joint is None else turned(recording, joint, "position", "torque")
+        notes = fit_recordings([damaged], robot, FitSettings(physical=False)).notes
+        said = [note for note in notes if note.startswith("WARNING, Joint 1 counts the other way")]
+        assert len(said) == (joint == 1)
+
+
+def test_a_fit_without_a_solution_blames_the_joint_that_counts_the_other_way() -> None:
+    """It ended with 70 and asked whether the bounds (10b) are too tight."""
+    robot = load_robot(recording_file("panda.urdf"))
+    recording = read_recording(recording_file("panda_excitation.npz"), robot=robot.spec)
+    with pytest.raises(RecordingError, match="Joint 1 counts the other way") as refusal:
+        fit_recordings([turned(recording, 1, "position", "torque")], robot)
+    assert refusal.value.exit_code == 65
 
 
 @pytest.mark.parametrize("joint", [None, 1, 2, 3, 4])
