@@ -13,6 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
+from identification.recordings.same_noise import correlation_of_noise
 
 KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
@@ -75,7 +76,8 @@ def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recordi
 
     A copy, an import and a cut of a recording have its samples under other names and other time stamps, so samples are
     compared: q and tau of every row in which the robot moves. A recording of the same moments by another program, at
-    another rate or through another filter, is told by its clock and its positions.
+    another rate or through another filter, is told by its clock and its positions; a copy so made of a periodic motion
+    by its noise.
     """
     names = recording_names([*fitted, *heldout])
     prints = _all_fingerprints([*fitted, *heldout])
@@ -134,13 +136,21 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
     together = _same_moments(own, other)
     if together:
         return f"shows the same motion at the same time as {name}, for {together:.3g} s"
+    # Runs that were told apart when they were recorded are not asked: simulated ones may share the seed of their noise.
+    alike = 0.0 if None not in _runs(own, other) else correlation_of_noise(own, other)
+    if alike:
+        return f"has the noise of {name} (correlation {alike:.2g}): a copy, resampled or filtered"
     return ""
+
+
+def _runs(own: Recording, other: Recording) -> list[str | None]:
+    return [recording.source.metadata.get("run_id") for recording in (own, other)]
 
 
 def _same_moments(own: Recording, other: Recording) -> float:
     """Seconds in which two recordings show one robot, 0 where their clocks or their positions say otherwise."""
     starts = [clock_start_s(recording) for recording in (own, other)]
-    runs = [recording.source.metadata.get("run_id") for recording in (own, other)]
+    runs = _runs(own, other)
     if None in starts or (None not in runs and runs[0] != runs[1]):
         return 0.0
     apart = float(starts[1] or 0.0) - float(starts[0] or 0.0)

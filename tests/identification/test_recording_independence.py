@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from identification.errors import RecordingError
 from identification.model_file import read_model, write_model
@@ -21,7 +22,7 @@ from identification.recordings import (
 )
 from identification.robots import load_robot
 from tests.identification.bags import messages_of, write_mcap
-from tests.identification.synthetic import fourier_motion, recording_of
+from tests.identification.synthetic import coloured_noise, fourier_motion, recording_of
 from tests.reference import recording_file
 
 
@@ -154,3 +155,49 @@ def test_names_hold_as_many_folders_as_tell_the_files_apart(fitted: Recording) -
     assert recording_names([at("a/x.npz"), at("a/y.npz")]) == ["x.npz", "y.npz"]
     runs = [at("a/first/recording.mcap"), at("a/second/recording.mcap")]
     assert recording_names(runs) == ["first/recording.mcap", "second/recording.mcap"]
+
+
+def several_periods(seed: int, *, motion: int = 1, warming: float = 0.0, kicked: bool = False) -> Recording:
+    """Eight periods at 200 Hz with coloured noise; friction that fades as an arm warms up, and a start with a kick."""
+    states = fourier_motion(7, period_s=5.0, samples=1000, seed=motion)
+    q, dq, ddq = (np.tile(values, (8, 1)) for values in states)
+    time = 0.005 * np.arange(len(q))[:, None]
+    noise = coloured_noise(q.shape, deviation=0.1, correlation=0.9, seed=seed)
+    torque = 5.0 * ddq + 3.0 * np.sign(dq) * (1.0 + warming * np.exp(-time / 30.0)) + noise
+    return recording_of(q, torque + 50.0 * kicked * np.exp(-time / 0.3), period_s=5.0, periods=8, kind="npz")
+
+
+def resampled(run: Recording, rate_hz: float, *, low_pass_hz: float = 40.0, begin_s: float = 0.0) -> Recording:
+    """What another program makes of a run: a causal filter, another rate, a later begin, torques turned, no period."""
+    filtered = lfilter(*butter(2, 2.0 * low_pass_hz * 0.005), run.torque, axis=0)
+    time = np.arange(begin_s, run.time[-1], 1.0 / rate_hz)
+    q, torque = (
+        np.column_stack([np.interp(time, run.time, column) for column in values.T])
+        for values in (run.position, -filtered)
+    )
+    return replace(
+        run, time=time - begin_s, position=q, torque=torque, sampling_period_s=1.0 / rate_hz, period_s=None,
+        period_index=None, sample_in_period=None, samples_per_period=None, source=replace(run.source, sha256="copy"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "low_pass_hz", "begin_s"), [(93.0, 40.0, 0.0), (200.0, 5.0, 0.0), (50.0, 15.0, 1.237)]
+)
+def test_a_copy_that_was_resampled_or_filtered_is_known_by_its_noise(
+    rate_hz: float, low_pass_hz: float, begin_s: float
+) -> None:
+    """It was taken for another run, and confirmed whatever was fitted to it."""
+    run = several_periods(1)
+    copy = resampled(run, rate_hz, low_pass_hz=low_pass_hz, begin_s=begin_s)
+    for first, second in ((run, copy), (copy, run)):
+        with pytest.raises(RecordingError, match=r"has the noise of .*a copy, resampled or filtered"):
+            refuse_shared_samples([first], [second])
+
+
+@pytest.mark.parametrize(("warming", "kicked"), [(0.0, False), (1.0, True)])
+def test_runs_alike_in_all_but_their_noise_are_independent(warming: float, kicked: bool) -> None:
+    """The same motion, the same way of warming up from cold, the same kick at the start."""
+    first, second, third = (several_periods(seed, warming=warming, kicked=kicked) for seed in (1, 2, 3))
+    refuse_shared_samples([first], [second, resampled(third, 93.0)])
+    refuse_shared_samples([first], [several_periods(4, motion=2)])

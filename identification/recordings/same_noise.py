@@ -1,0 +1,69 @@
+"""Do two recordings hold the same noise? A copy that was resampled, filtered, scaled or turned has no sample in common
+with its original and no clock, but what does not repeat in its torques came about once. Pure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.arrays import FloatArray
+from identification.recordings.recording import Recording
+
+ODDS = 1000.0
+"""To one, against noise of its own, of what the whole shows at any time shift and each part at that one."""
+PARTS = 4
+"""In time, each of which has to show it: two runs may begin alike, or meet one push alike."""
+SAME_PERIOD = 1e-3
+SAMPLES_PER_BIN = 2.0
+MOST_BINS = 1000
+LARGEST = 4.0
+"""Standard deviations beyond which noise is cut off, so that no single event carries a correlation."""
+
+
+def correlation_of_noise(own: Recording, other: Recording) -> float:
+    """Correlation of what does not repeat in the torques of two recordings, 0 where it may be chance.
+
+    That is the second difference from period to period, which takes off the motion, all torque that it causes, and a
+    drift that goes on evenly; three periods are needed. Where only one recording states a period it is the other's too.
+    Of all time shifts the best is taken, against what the others show.
+    """
+    stated = [recording.period_s for recording in (own, other) if recording.period_s]
+    if not stated or own.n != other.n or max(stated) > (1.0 + SAME_PERIOD) * min(stated):
+        return 0.0
+    step = SAMPLES_PER_BIN * max(own.sampling_period_s, other.sampling_period_s)
+    bins = min(MOST_BINS, int(stated[0] / step))
+    if bins < PARTS or min(own.duration_s, other.duration_s) < (3.0 - SAME_PERIOD) * stated[0]:
+        return 0.0
+    first, second = (_unrepeated(recording, stated[0] / bins, bins) for recording in (own, other))
+    length = len(first) + len(second)
+    spectra = [np.fft.rfft(values, length, axis=0) for values in (first, second)]
+    products = np.fft.irfft((np.conj(spectra[0]) * spectra[1]).sum(axis=1), length)
+    shift = np.arange(length)
+    shift = np.where(shift < len(second), shift, shift - length)  # of the second behind the first, in bins
+    overlap = np.minimum(len(second) - shift, len(first)) - np.maximum(-shift, 0)
+    asked = overlap >= min(bins, len(first), len(second)) // 2
+    size = float(np.sqrt(np.mean(products[asked] ** 2 / overlap[asked])))
+    if size == 0.0:
+        return 0.0
+    sigmas = np.where(asked, np.abs(products) / (size * np.sqrt(np.maximum(overlap, 1))), 0.0)
+    best = int(np.argmax(sigmas))
+    if sigmas[best] < np.sqrt(2.0 * np.log(ODDS * asked.sum())):
+        return 0.0
+    begin = max(-int(shift[best]), 0)
+    pair = first[begin:][: overlap[best]], second[begin + shift[best] :][: overlap[best]]
+    parts = np.array_split(np.sign(products[best]) * (pair[0] * pair[1]).sum(axis=1), PARTS)
+    if min(part.sum() / (size * np.sqrt(part.size)) for part in parts) < np.sqrt(2.0 * np.log(ODDS)):
+        return 0.0
+    return float(abs(products[best]) / np.sqrt((pair[0] ** 2).sum() * (pair[1] ** 2).sum()))
+
+
+def _unrepeated(recording: Recording, width_s: float, bins: int) -> FloatArray:
+    """(T, n) second difference from period to period of the torque in steps of width_s, in its standard deviations."""
+    place = ((recording.time - recording.time[0]) / width_s).astype(np.int64)
+    counts = np.bincount(place)
+    with np.errstate(invalid="ignore"):
+        torque = np.column_stack([np.bincount(place, column) / counts for column in recording.torque.T])
+    left = torque[2 * bins :] - 2.0 * torque[bins:-bins] + torque[: -2 * bins]
+    left = left - np.nanmedian(left, axis=0)
+    size = 1.4826 * np.nanmedian(np.abs(left), axis=0)
+    return np.nan_to_num(np.clip(left / np.where(size > 0.0, size, np.inf), -LARGEST, LARGEST))
