@@ -16,6 +16,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.mount import counts_otherwise
+from identification.audit.partly import notes_on_changes
 from identification.audit.turned import TurnedJoint
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
@@ -136,27 +137,32 @@ def fit_recordings(
 @dataclass(frozen=True, slots=True)
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
-    they may be. turned: the joint that counts the other way than the robot's model.
+    they may be. turned: the joint that counts the other way than the robot's model. changed: what changes within one
+    of them, in words.
     """
 
     wrong_unit: str
     turned: TurnedJoint | None
+    changed: tuple[str, ...]
 
     @classmethod
     def of(cls, processed: Sequence[Processed], robot: RobotModel, sign: TorqueSign, misfit: Misfit) -> _Misread:
-        """Of what is fitted; where nothing but noise is left, no joint is turned."""
+        """Of what is fitted; where nothing but noise is left, no joint is turned and none changes."""
         recordings = [item.recording for item in processed]
         unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
-        return cls(wrong_unit, counts_otherwise(recordings, robot) if misfit.may_be_more_than_noise else None)
+        if not misfit.may_be_more_than_noise:
+            return cls(wrong_unit, None, ())
+        return cls(wrong_unit, counts_otherwise(recordings, robot), tuple(notes_on_changes(recordings, robot)))
 
     @property
     def notes(self) -> list[str]:
         """A warning for each."""
         turned = [] if self.turned is None else [f"WARNING, {self.turned.sentence.rstrip('.')}"]
-        return [*([f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []), *turned]
+        unit = [f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
+        return [*unit, *turned, *(f"WARNING, {each}" for each in self.changed)]
 
     @contextmanager
     def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:

@@ -1,4 +1,5 @@
-"""How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, delay, load.
+"""How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, constancy,
+delay, load.
 
 A verdict for each, in seconds. What in single rows and signs is wrong comes from `data_faults`, how the base stands
 from the audit's `mount`.
@@ -17,6 +18,7 @@ from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.exchange import exchanged_positions
 from identification.audit.misread import in_degrees, of_order, order_by_itself
 from identification.audit.mount import Mounting, excerpt, mounting_of
+from identification.audit.partly import notes_on_changes
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import turned_joint
 from identification.base_parameters import BaseRegressor, RegressorOptions
@@ -108,6 +110,9 @@ def set_up_checks(
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
+        _constancy(
+            recordings, replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
+        ),
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
         *_damaged_files(recordings),
@@ -205,6 +210,14 @@ def _order(rows: Rows, robot: RobotModel, gravity: FloatArray, *, only_decisive:
     if order is None:
         return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
     return SetUpCheck("order of joints", "failed", of_order(order, float("nan")).sentence)
+
+
+def _constancy(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
+    """Whether every torque is of one law throughout each recording."""
+    found = notes_on_changes(recordings, robot)
+    if not found:
+        return SetUpCheck("constancy", "ok", "No torque becomes clearly another one within a recording.")
+    return SetUpCheck("constancy", "failed", f"{'. '.join(found)}.")
 
 
 def _delay(fit: FitResult | None) -> SetUpCheck:
