@@ -25,7 +25,8 @@ def smooth_table(length: float, most: int, trend: tuple[str, ...]) -> FloatArray
     """(GRID, m ≤ most) functions on [−1, 1] whose independent unit weights give a smooth random function.
 
     Its covariance is exp(−d²/2 length²), without its part along the trends: "one", "linear" (x), "rise" (1 + x) and
-    "sinh" (see `unwarped`). They are the leading eigenvectors of that kernel on a grid.
+    "sinh" (see `unwarped`). They are the leading eigenvectors of that kernel on a grid, positive at 1: weights that are
+    kept may not depend on the sign in which a library happens to give a vector.
     """
     grid = np.linspace(-1.0, 1.0, GRID)
     kernel = np.exp(-0.5 * ((grid[:, None] - grid[None]) / length) ** 2)
@@ -37,7 +38,7 @@ def smooth_table(length: float, most: int, trend: tuple[str, ...]) -> FloatArray
     values, vectors = np.linalg.eigh(kernel)
     values, vectors = values[::-1][:most], vectors[:, ::-1][:, :most]
     kept = values > NEGLIGIBLE * values[0]
-    return np.ascontiguousarray(vectors[:, kept] * np.sqrt(values[kept]))
+    return np.ascontiguousarray(vectors[:, kept] * (np.sign(vectors[-1, kept]) * np.sqrt(values[kept])))
 
 
 def tabulated(table: FloatArray, place: FloatArray) -> FloatArray:

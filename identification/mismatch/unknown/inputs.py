@@ -69,18 +69,29 @@ class Ranges:
         return cls(**{name: np.array(data[name], dtype=np.float64) for name in cls.__slots__})
 
 
+def random_waves(joints: int) -> tuple[FloatArray, FloatArray]:
+    """Wave numbers (n, WAVES) and phases (WAVES,). What a generator draws may differ from one version of NumPy to
+    another, so a model that is kept holds them.
+    """
+    if joints == 1:
+        return np.zeros((1, 0)), np.zeros(0)
+    random = np.random.default_rng(12)
+    return random.normal(size=(joints, WAVES)), random.uniform(0, 2 * np.pi, WAVES)
+
+
 @dataclass(frozen=True, eq=False)
 class Inputs:
     """A motion seen through ranges: every input is −1 … 1 within them. Not slotted: what is asked is kept.
 
     fade_width: distance beyond the limits, in half of them, over which functions fade to zero. limits: ranges beyond
-    which they do; None: nowhere.
+    which they do; None: nowhere. wave_numbers: of `waves`; None: those of `random_waves`.
     """
 
     motion: Motion
     ranges: Ranges
     fade_width: float
     limits: Ranges | None = None
+    wave_numbers: tuple[FloatArray, FloatArray] | None = None
 
     @cached_property
     def position(self) -> FloatArray:
@@ -140,11 +151,10 @@ class Inputs:
     @cached_property
     def waves(self) -> FloatArray:
         """(S, WAVES) random waves over the configuration, always the same ones; none where one joint is all of it."""
-        if self.motion.n == 1:
+        direction, phase = self.wave_numbers or random_waves(self.motion.n)
+        if not phase.size:
             return np.zeros((self.motion.samples, 0))
-        random = np.random.default_rng(12)
-        direction = random.normal(size=(self.motion.n, WAVES))
-        return np.asarray(np.cos(np.clip(self.position, -1.0, 1.0) @ direction + random.uniform(0, 2 * np.pi, WAVES)))
+        return np.asarray(np.cos(np.clip(self.position, -1.0, 1.0) @ direction + phase))
 
     @cached_property
     def moments(self) -> FloatArray:

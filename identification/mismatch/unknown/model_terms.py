@@ -14,7 +14,7 @@ from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis
-from identification.mismatch.unknown.inputs import Inputs, Ranges
+from identification.mismatch.unknown.inputs import Inputs, Ranges, random_waves
 from identification.mismatch.unknown.selection import Selection
 
 _NUMBERS = {item.name: number for number, item in enumerate(CLASSES)}
@@ -40,9 +40,11 @@ def terms_of(selection: Selection) -> dict[str, Any]:
                     "weights": weights[state.gram.group == place].tolist(),
                 }
             )
+    direction, phase = random_waves(rows.inputs[0].motion.n)
     return {
         "ranges": rows.inputs[0].ranges.to_json(),
         "fade": rows.inputs[0].fade_width,
+        "waves": {"direction": direction.tolist(), "phase": phase.tolist()},
         "terms": terms,
     }
 
@@ -50,15 +52,16 @@ def terms_of(selection: Selection) -> dict[str, Any]:
 def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
     """(S, n) Nm of class terms along a motion. Raises ModelFileError where they are not complete or of another arm."""
     torque = np.zeros((motion.samples, motion.n))
-    if "position_lower" in data.get("ranges", {}) and "bending" not in data["ranges"]:
+    if "position_lower" in data.get("ranges", {}) and ("bending" not in data["ranges"] or "waves" not in data):
         raise ModelFileError(
-            "The torque without a name in this model was written by an earlier version, which did not keep the bending "
-            "moments that it was fitted in: diagnose the recording again and use the model that this writes",
+            "The torque without a name in this model was written by an earlier version, which did not keep all that it "
+            "is evaluated with: diagnose the recording again and use the model that this writes",
             field="class_terms",
         )
     try:
         ranges = Ranges.from_json(data["ranges"])
-        inputs = Inputs(motion, ranges, float(data["fade"]), ranges)
+        waves = np.array(data["waves"]["direction"]).reshape(motion.n, -1), np.array(data["waves"]["phase"])
+        inputs = Inputs(motion, ranges, float(data["fade"]), ranges, waves)
         if inputs.ranges.speed.size != motion.n:
             raise ValueError(f"{inputs.ranges.speed.size} joints")
         for term in data["terms"]:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.linalg import eigh
 
 from daemon.cli.diagnosis import show_diagnosis
+from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
@@ -18,6 +20,7 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.unknown import judgement
+from identification.mismatch.unknown.functions import smooth_table
 from identification.mismatch.unknown.judgement import rms_interval
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_torque
@@ -250,6 +253,28 @@ def test_terms_of_a_version_that_kept_no_bending_moments_are_refused_in_words(
     ranges = {name: item for name, item in humped.offer.terms["ranges"].items() if name != "bending"}
     with pytest.raises(ModelFileError, match="diagnose the recording again"):
         terms_torque({**humped.offer.terms, "ranges": ranges}, clean_evidence.motion)
+
+
+def test_terms_are_the_same_torque_with_vectors_of_the_other_sign_and_other_random_numbers(
+    humped: Diagnosis, clean_evidence: Evidence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weights met the vectors as a library gave them: of the other sign, as LAPACK's ?syevr has them, a term turned."""
+    assert humped.offer is not None
+    expected = terms_torque(humped.offer.terms, clean_evidence.motion)
+    assert np.abs(expected).max() > 0.1
+
+    def turned(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, vectors = eigh(matrix)
+        return values, -vectors
+
+    monkeypatch.setattr(np.linalg, "eigh", turned)
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: np.random.Generator(np.random.MT19937(seed)))
+    smooth_table.cache_clear()
+    np.testing.assert_allclose(terms_torque(humped.offer.terms, clean_evidence.motion), expected, atol=1e-6)
+    smooth_table.cache_clear()
+    older = {name: item for name, item in humped.offer.terms.items() if name != "waves"}
+    with pytest.raises(ModelFileError, match="diagnose the recording again"):
+        terms_torque(older, clean_evidence.motion)
 
 
 def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
