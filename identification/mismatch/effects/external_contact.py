@@ -22,7 +22,7 @@ TOOL_M = 0.3
 
 
 class ExternalContact(EnvelopedEffect):
-    """A force F of fixed direction in the base frame on link l during a window: J_l(q)ᵀ F · p((t − t₀)/D).
+    """A force F of fixed direction in the base frame on link l during a window: −J_l(q)ᵀ F · p((t − t₀)/D).
 
     Parameters: F (3) in N; start t₀ and duration D in s; the profile p(u) = sin(π u^a)^s, of height 1, runs from a
     plateau (s → 0) over half a sine (1) to a bell (3), its peak early (a < 1) or late; bend_0, bend_1 … bend it further
