@@ -62,6 +62,7 @@ class SetUpCheck:
 
 
 UNKNOWN_SIGNS = SetUpCheck("torque signs", "warning", "Signs cannot be told while joints are exchanged or turned.")
+SIGNS_OF_PARTS = SetUpCheck("torque signs", "warning", "Signs cannot be told while a torque becomes another one.")
 UNKNOWN_STAND = SetUpCheck(
     "gravity", "warning", "How the base stands cannot be told while joints are exchanged or turned."
 )
@@ -105,22 +106,21 @@ def set_up_checks(
     """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit."""
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
     order, exchanged = _places(recordings, rows, robot, stand, faults)
+    there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
+    constancy = _constancy(recordings, there)
     checks = (
         UNKNOWN_STAND if exchanged else _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
-        _constancy(
-            recordings, replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
-        ),
+        constancy,
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
         *_damaged_files(recordings),
     )
-    if order.status != "failed":
-        return checks
+    unknown = UNKNOWN_SIGNS if order.status == "failed" else SIGNS_OF_PARTS if constancy.status == "failed" else None
     return tuple(
-        UNKNOWN_SIGNS if (item.name, item.status) == (UNKNOWN_SIGNS.name, "failed") else item for item in checks
+        unknown if unknown and (item.name, item.status) == (unknown.name, "failed") else item for item in checks
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from identification.audit.partly import changed_torques, notes_on_changes
 from identification.fitting.settings import FitSettings
-from identification.mismatch.set_up import set_up_checks
+from identification.mismatch.set_up import examine_set_up, set_up_checks
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
@@ -95,6 +95,15 @@ def test_a_load_that_is_picked_up_is_no_sensor_s_fault_and_friction_is_none_eith
     assert "a load was picked up or put down" in note
     rough = replace(table3, coulomb=np.where(np.arange(7) == 3, 3.0, 1.0) * table3.coulomb)
     assert notes_on_changes([halves(iiwa14, states, table3, rough)], iiwa14) == []
+
+
+def test_a_sign_that_turns_within_a_recording_is_not_called_wrong_throughout() -> None:
+    """With all of the torque turned, as it was advised, the other part would be wrong."""
+    recording, robot = real("ur10")
+    checks = {check.name: check for check in examine_set_up([changed(recording, 4, 0.5, -1.0)], robot)}
+    assert checks["constancy"].status == "failed"
+    assert checks["torque signs"].status == "warning"
+    assert "becomes another one" in checks["torque signs"].sentence
 
 
 def test_fit_and_doctor_say_it(iiwa14: RobotModel, table3: PhysicalParameters, states: tuple[np.ndarray, ...]) -> None:
