@@ -9,7 +9,7 @@ import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.mismatch.data_faults.faults import find_data_faults
-from identification.mismatch.set_up import set_up_checks
+from identification.mismatch.set_up import examine_set_up, set_up_checks
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
@@ -110,6 +110,16 @@ def test_fit_warns_of_a_torque_that_is_cut_off_and_doctor_names_it(
         f"WARNING, synthetic.mcap: joint 4: the torque is cut off at {limit:+.4g} Nm, in 400 rows"
     )
     assert "20 % of all" in warning
+
+
+def test_no_other_clock_is_made_of_an_encoder_that_is_stuck() -> None:
+    """It was said that samples were taken at 16 Hz, not at the stated 125 Hz."""
+    robot, recording = load_robot(recording_file("ur10_mdh.csv")), real("ur10")
+    stuck = recording.position.copy()
+    stuck[1720:1920, 2] = stuck[1720, 2]
+    checks = {check.name: check for check in examine_set_up([replace(recording, position=stuck)], robot)}
+    assert checks["clock"].status != "failed"
+    assert "joint 3: the position stands" in checks["rows"].sentence
 
 
 def test_doctor_names_a_torque_that_went_to_zero() -> None:

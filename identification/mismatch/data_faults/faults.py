@@ -60,13 +60,16 @@ def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) 
     signs = signs_of_stretches(thinned, regressor)
     found = []
     for recording, stretch, own, name in zip(recordings, thinned, signs, recording_names(recordings), strict=True):
+        standing = standing_values(recording)
         faults = [
             _row_fault(recording, finding, name)
-            for finding in (*recording.report.findings, *standing_values(recording))
+            for finding in (*recording.report.findings, *standing)
             if finding.kind in ROW_FAULTS and not (finding.kind == "gap" and _gaps_are_dropped_rows(recording))
         ]
         faults += _inverted(own, name)
         time_base = None if stretch is None else _time_base(recording, stretch, regressor, own, name)
+        if any(finding.kind == "stuck_position" for finding in standing):
+            time_base = None  # a motion that was not driven asks for any clock
         faults += [] if time_base is None else [time_base]
         found.append(tuple(replace(fault, recording=name) for fault in faults))
     return tuple(found)
