@@ -110,10 +110,11 @@ def settings_of_fit(
 
 
 def notes_of_fit(fit: FitResult) -> list[str]:
-    """What the reader must know of the model that the findings stand beside."""
+    """What the reader must know of the model that the findings stand beside, what spoils it first."""
+    warnings = [note for note in fit.notes if note.startswith("WARNING")]
     band = fit.settings.low_pass_hz
     compared = [] if band is None else [f"Compared up to {band:.3g} Hz, as the fit of these recordings is"]
-    return [*compared, *notes_on_model(fit.regressor, fit.settings)]
+    return [*warnings, *compared, *notes_on_model(fit.regressor, fit.settings)]
 
 
 def residuals_of(nominal: Nominal, evidences: Sequence[Evidence], library: Library) -> Residuals:

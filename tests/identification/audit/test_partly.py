@@ -9,7 +9,9 @@ import pytest
 
 from identification.audit.partly import changed_torques, notes_on_changes
 from identification.fitting.settings import FitSettings
+from identification.mismatch.nominal import nominal_fit, nominal_of
 from identification.mismatch.set_up import examine_set_up, set_up_checks
+from identification.mismatch.settings import DiagnosisSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
@@ -114,3 +116,13 @@ def test_fit_and_doctor_say_it(iiwa14: RobotModel, table3: PhysicalParameters, s
         assert any(note.startswith("WARNING") and "torque of joint 4 is 0.5 times" in note for note in notes) == said
         checks = {check.name: check for check in set_up_checks([recording], iiwa14, [])}
         assert checks["constancy"].status == ("failed" if said else "ok")
+
+
+def test_a_diagnosis_says_it_beside_what_it_names(
+    iiwa14: RobotModel, table3: PhysicalParameters, states: tuple[np.ndarray, ...]
+) -> None:
+    """What the fit warned of did not reach the reader of the diagnosis, who saw classes of a torque cut in two."""
+    half = changed(halves(iiwa14, states, table3, table3), 4, 0.5, 0.5)
+    fit = nominal_fit([half], iiwa14, DiagnosisSettings())
+    assert fit is not None
+    assert "torque of joint 4 is 0.5 times" in nominal_of(fit, fit.regressor, ()).notes[0]
