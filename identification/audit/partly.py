@@ -172,7 +172,9 @@ def _clearest(
     near, joint, form = max(tried, key=lambda item: item[0].likelihood)
     closer = [(_settled(sums, joint, each, form, near.value, first, floor), each) for each in range(1, MOMENTS)]
     best, moment = max(closer, key=lambda item: item[0].likelihood)
-    gain = best.likelihood - stated.likelihood
+    # A torque that is misread throughout is another fault: of that the first part is only short.
+    throughout = _settled(sums, joint, 0, "scale", best.value if form == "scale" else 1.0, first, floor)
+    gain = best.likelihood - max(stated.likelihood, throughout.likelihood)
     believed = gain > LEAST_GAIN and best.squares[joint] <= STAYS * stated.squares[joint]
     return (joint, moment, form, best.value, gain) if believed else None
 
