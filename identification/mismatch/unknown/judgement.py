@@ -67,7 +67,7 @@ def judge(
         if names.extension.members:
             torque = [torque_beside(names.extension, item.library(), item.torque) for item in (fitted, unseen)]
             beside = beside_names(found, torque)
-        offered, more = offer(beside, found.left, names.heldout_after)
+        offered, more = offer(beside, found.left, names.heldout_after, names.extension.problem.weight)
         left_out += more
     before = np.zeros(0) if names.heldout_before is None else names.heldout_before.rms_nm
     gain = cache(partial(_gain, found, before))

@@ -39,25 +39,49 @@ class Left:
         chosen = scale > OPEN_BEYOND_NOISE**2
         return cls(rows, spread @ (turned[:, chosen] / np.sqrt(scale[chosen])))
 
-    def __call__(self, selection: Selection) -> tuple[FloatArray, FloatArray]:
-        """Fitted and held-out RMS under a selection from rows of these evidences."""
-        fitted, unseen = self.of_rows(selection)
+    def __call__(self, selection: Selection, base: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Fitted and held-out RMS under a selection from rows of these evidences; base: as in `of_rows`."""
+        fitted, unseen = self.of_rows(selection, base)
         return _rms(fitted, self.rows.samples[0]), _rms(unseen, self.rows.samples[1])
 
-    def of_rows(self, selection: Selection) -> tuple[FloatArray, FloatArray]:
-        """Rows (n, R) and (n, R') Nm themselves, zero where they do not count."""
+    def of_rows(self, selection: Selection, base: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Rows (n, R) and (n, R') Nm themselves, zero where they do not count.
+
+        base: (p,) parameters beside the classes; None: those of the selection.
+        """
         rows, there = selection.rows, self.rows.part == self.rows.folds
         problem = rows.problem
-        left = np.empty((problem.n, problem.rows))
-        for joint, state in enumerate(selection.states):
-            weights, base = selection.mean(joint, state)
-            whitened = rows.joints[joint].whitened
-            size, chosen = rows.joints[joint].columns, selection.columns(joint, state)
-            left[joint] = whitened[:, -1] - whitened[:, size:-1] @ base - whitened[:, chosen] @ weights
+        parts = [base_of(selection, joint) for joint in range(problem.n)]
+        found = selection.mean(0, selection.states[0])[1] if base is None else base
+        left = np.array([torque - columns @ found for columns, torque in parts])
         if rows.heldout:
             left[:, there] = off(self.free, left[:, there].ravel()).reshape(problem.n, -1)
         left = np.where(problem.weight > 0.0, left * problem.noise, 0.0)
         return left[:, ~there], left[:, there]
+
+    def base_as_fitted(self, selection: Selection, weight: FloatArray) -> FloatArray:
+        """(p,) base parameters beside the classes of a selection, fitted with these weights (n, R) of the fitted rows.
+
+        The selection's own weights are of what classes leave: where that is little they pull base parameters from other
+        joints, and a model without classes would not be the fit's.
+        """
+        problem, there = selection.rows.problem, self.rows.part == self.rows.folds
+        gram, product = np.zeros((1, 1)), np.zeros(1)
+        for joint in range(problem.n):
+            columns, torque = base_of(selection, joint)
+            scale = weight[joint] * problem.noise[joint, ~there]
+            scaled = columns[~there] * scale[:, None]
+            gram, product = gram + scaled.T @ scaled, product + scaled.T @ (torque[~there] * scale)
+        values, vectors = np.linalg.eigh(gram)
+        return np.asarray(vectors @ ((vectors.T @ product) / np.maximum(values, FREE)))
+
+
+def base_of(selection: Selection, joint: int) -> tuple[FloatArray, FloatArray]:
+    """Whitened columns (R, p) of the base parameters of a joint (from 0), and its torque (R,) less its classes."""
+    state, rows = selection.states[joint], selection.rows.joints[joint]
+    weights = selection.mean(joint, state)[0]
+    torque = rows.whitened[:, -1] - rows.whitened[:, selection.columns(joint, state)] @ weights
+    return rows.whitened[:, rows.columns : -1], torque
 
 
 def shortened(selection: Selection, joint: int, numbers: Sequence[int]) -> Selection:

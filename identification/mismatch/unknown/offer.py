@@ -26,20 +26,42 @@ LISTED = 3
 """Classes of a joint that a sentence lists by name."""
 
 
-def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None, tuple[Dropped, ...]]:
+def offer(
+    alone: Selection, left: Left, before: Residuals, weight: FloatArray
+) -> tuple[Offer | None, tuple[Dropped, ...]]:
     """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
+
+    Base parameters beside them are those of `alone`. Where terms would go for these, they are fitted with the weights
+    (n, R) of the names' own fit too, and what leaves less of the held-out rows of all joints is offered.
+    """
+    found, dropped, logarithm = _offered(alone, left, before, None)
+    if dropped:
+        other = _offered(alone, left, before, weight)
+        if other[2] < logarithm:
+            found, dropped, _ = other
+    return found, dropped
+
+
+def _offered(
+    alone: Selection, left: Left, before: Residuals, weight: FloatArray | None
+) -> tuple[Offer | None, tuple[Dropped, ...], float]:
+    """As `offer` with one kind of base parameters, None: those of `alone`; and the sum of logarithms of what is left.
 
     Terms stay where they lower the RMS of their joint there and raise no other joint's by more than base parameters may
     (`harmless`). alone: classes with the weights of the fitted rows, beside the names. before: what the model with its
     names leaves of the held-out rows. A joint with terms has to do better than that, and better than the same model of
     the rows of `alone`: it is open in the same directions of the base parameters as they are.
     """
-    nominal = Selection.nominal(alone.rows, range(alone.rows.folds))
-    plain = before.rms_nm
-    best = np.minimum(plain, replace(before, rows=left.of_rows(nominal)[1]).rms_nm)
+
+    def base_beside(selection: Selection) -> FloatArray | None:
+        return None if weight is None else left.base_as_fitted(selection, weight)
 
     def left_of(selection: Selection) -> FloatArray:
-        return replace(before, rows=left.of_rows(selection)[1]).rms_nm
+        return replace(before, rows=left.of_rows(selection, base_beside(selection))[1]).rms_nm
+
+    nominal = Selection.nominal(alone.rows, range(alone.rows.folds))
+    plain = before.rms_nm
+    best = np.minimum(plain, left_of(nominal))
 
     selection, dropped = alone, tuple[Dropped, ...]()
     if not alone.rows.problem.noise_is_measured:
@@ -47,9 +69,11 @@ def offer(alone: Selection, left: Left, before: Residuals) -> tuple[Offer | None
     selection, more = harmless(selection, left_of, best, plain)
     dropped += more
     if not any(state.groups for state in selection.states):
-        return None, dropped
-    fitted, unseen = left(selection)
-    return Offer(terms_of(selection), *base_parameters(selection), fitted, unseen), dropped
+        return None, dropped, float(np.log(plain).sum())
+    base = base_beside(selection)
+    fitted, unseen = left(selection, base)
+    found = Offer(terms_of(selection), *base_parameters(selection, base), fitted, unseen)
+    return found, dropped, float(np.log(unseen).sum())
 
 
 def refusal(dropped: Sequence[Dropped]) -> str:
@@ -70,15 +94,18 @@ def _short(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def base_parameters(selection: Selection) -> tuple[FloatArray, FloatArray]:
-    """Base parameters (p,) fitted beside the classes, with their deviations; what the rows leave open is zero."""
+def base_parameters(selection: Selection, base: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Base parameters (p,) fitted beside the classes, with their deviations; what the rows leave open is zero.
+
+    base: in the selection's own coordinates; None: those that it has, whose deviations stand for others too.
+    """
     problem = selection.rows.problem
     factor, triangle, norms, _ = nominal_factor(problem)
     outer, singular, inner = np.linalg.svd(triangle)
     kept = singular > OPEN * singular[0]
     back = ((inner[kept].T / singular[kept]) @ outer[:, kept].T @ (factor.T @ problem.basis)) / norms[:, None]
     now = selection.posterior(0, selection.states[0])
-    values = back @ (problem.basis.T @ problem.torque + now.base)
+    values = back @ (problem.basis.T @ problem.torque + (now.base if base is None else base))
     size = now.base.size
     covariance = now.covariance[-size:, -size:]
     count = selection.rows.evidences[0].nominal.shape[2]

@@ -282,8 +282,10 @@ def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.
     first, axis = read_recording(recording_file("emps_a.npz")), load_robot(recording_file("emps.urdf"))
     plain = diagnose([first], axis)
 
-    def nothing(alone: Selection, left: Left, before: Residuals) -> tuple[None, tuple[Dropped, ...]]:
-        del left, before
+    def nothing(
+        alone: Selection, left: Left, before: Residuals, weight: np.ndarray
+    ) -> tuple[None, tuple[Dropped, ...]]:
+        del left, before, weight
         places = ((joint, number) for joint, state in enumerate(alone.states) for number in alone.classes(joint, state))
         return None, tuple(places)
 

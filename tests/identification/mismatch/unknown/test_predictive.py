@@ -10,6 +10,7 @@ from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import weighed
+from identification.mismatch.unknown.left import Left, base_of
 from identification.mismatch.unknown.predictive import LEAST_CHANGE, harmless, useful
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
@@ -154,3 +155,22 @@ def test_losing_the_last_class_of_a_joint_is_no_gain_and_a_joint_without_one_is_
     assert held(useful(selection, left, beaten)[0], 2) == {"own_velocity"}
     kept, dropped = harmless(selection, left, beaten, ONE)
     assert (held(kept, 2), dropped) == (held(selection, 2), ())
+
+
+def test_base_parameters_beside_classes_are_fitted_with_the_weights_of_the_fit(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """Truth: NumPy's least squares on what the classes leave. With none, the model is that of the fit."""
+    selection = all_classes(iiwa14, iiwa14_base, table3, only=2)
+    problem, left = selection.rows.problem, Left.of(selection.rows)
+    weight = problem.weight * np.random.default_rng(3).uniform(0.5, 2.0, (7, 1))
+    for item in (selection, Selection.nominal(selection.rows, range(selection.rows.folds))):
+        columns, torque = zip(*(base_of(item, joint) for joint in range(7)), strict=True)
+        scale = weight * problem.noise
+        stacked = np.concatenate([part * size[:, None] for part, size in zip(columns, scale, strict=True)])
+        expected = np.linalg.lstsq(stacked, np.concatenate([*(scale * np.array(torque))]), rcond=None)[0]
+        base = left.base_as_fitted(item, weight)
+        np.testing.assert_allclose(stacked @ base, stacked @ expected, atol=1e-6 * np.abs(stacked @ expected).max())
+        rows = np.array([part @ base for part in columns])
+        measured = np.where(problem.weight > 0.0, (np.array(torque) - rows) * problem.noise, 0.0)
+        np.testing.assert_allclose(left.of_rows(item, base)[0], measured, atol=1e-9)
