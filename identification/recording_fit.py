@@ -11,13 +11,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.audit.mount import counts_otherwise
-from identification.audit.partly import notes_on_changes
-from identification.audit.turned import TurnedJoint
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
@@ -53,6 +51,9 @@ from identification.recordings.standing import standing_values
 from identification.recordings.units import wrong_torque_unit
 from identification.robots import RobotModel
 from identification.signals.processed import ProcessedSignals
+
+if TYPE_CHECKING:
+    from identification.audit.turned import TurnedJoint
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
 
@@ -155,6 +156,9 @@ class _Misread:
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
         if not misfit.may_be_more_than_noise:
             return cls(wrong_unit, None, ())
+        from identification.audit.mount import counts_otherwise  # slow to load, and most fits leave nothing but noise
+        from identification.audit.partly import notes_on_changes
+
         return cls(wrong_unit, counts_otherwise(recordings, robot), tuple(notes_on_changes(recordings, robot)))
 
     @property

@@ -14,6 +14,10 @@ ODDS = 1000.0
 PARTS = 4
 """In time, each of which has to show it: two runs may begin alike, or meet one push alike."""
 SAME_PERIOD = 1e-3
+SAME_MOTION = 0.1
+"""Share of the motion by which the positions of a copy may lie beside those of its original."""
+LATEST = 16
+"""Part of a period by which a filter may have made a torque late."""
 SAMPLES_PER_BIN = 2.0
 MOST_BINS = 1000
 LARGEST = 4.0
@@ -21,11 +25,12 @@ LARGEST = 4.0
 
 
 def correlation_of_noise(own: Recording, other: Recording) -> float:
-    """Correlation of what does not repeat in the torques of two recordings, 0 where it may be chance.
+    """Correlation of what does not repeat in the torques of two recordings of one motion, 0 where it may be chance.
 
-    That is the second difference from period to period, which takes off the motion, all torque that it causes, and a
-    drift that goes on evenly; three periods are needed. Where only one recording states a period it is the other's too.
-    Of all time shifts the best is taken, against what the others show.
+    What does not repeat is the second difference from period to period, which takes off the motion, all torque that it
+    causes, and a drift that goes on evenly; three periods are needed. Where only one recording states a period it is
+    the other's too. Of all time shifts the best is taken, against what the others show. Of other motions it is 0:
+    simulated runs may have been given the same random numbers.
     """
     stated = [recording.period_s for recording in (own, other) if recording.period_s]
     if not stated or own.n != other.n or max(stated) > (1.0 + SAME_PERIOD) * min(stated):
@@ -34,7 +39,8 @@ def correlation_of_noise(own: Recording, other: Recording) -> float:
     bins = min(MOST_BINS, int(stated[0] / step))
     if bins < PARTS or min(own.duration_s, other.duration_s) < (3.0 - SAME_PERIOD) * stated[0]:
         return 0.0
-    first, second = (_unrepeated(recording, stated[0] / bins, bins) for recording in (own, other))
+    width_s = stated[0] / bins
+    first, second = (_unrepeated(_in_bins(item.torque, item, width_s), bins) for item in (own, other))
     length = len(first) + len(second)
     spectra = [np.fft.rfft(values, length, axis=0) for values in (first, second)]
     products = np.fft.irfft((np.conj(spectra[0]) * spectra[1]).sum(axis=1), length)
@@ -50,6 +56,8 @@ def correlation_of_noise(own: Recording, other: Recording) -> float:
     if sigmas[best] < np.sqrt(2.0 * np.log(ODDS * asked.sum())):
         return 0.0
     begin = max(-int(shift[best]), 0)
+    if not _same_motion(own, other, width_s, int(shift[best]), bins // LATEST):
+        return 0.0
     pair = first[begin:][: overlap[best]], second[begin + shift[best] :][: overlap[best]]
     parts = np.array_split(np.sign(products[best]) * (pair[0] * pair[1]).sum(axis=1), PARTS)
     if min(part.sum() / (size * np.sqrt(part.size)) for part in parts) < np.sqrt(2.0 * np.log(ODDS)):
@@ -57,12 +65,31 @@ def correlation_of_noise(own: Recording, other: Recording) -> float:
     return float(abs(products[best]) / np.sqrt((pair[0] ** 2).sum() * (pair[1] ** 2).sum()))
 
 
-def _unrepeated(recording: Recording, width_s: float, bins: int) -> FloatArray:
-    """(T, n) second difference from period to period of the torque in steps of width_s, in its standard deviations."""
+def _same_motion(own: Recording, other: Recording, width_s: float, shift: int, latest: int) -> bool:
+    """Whether two recordings are of one motion, the second so many bins behind, or up to `latest` more or less: a
+    filter makes a torque late, and leaves the positions.
+    """
+    there, elsewhere = (_in_bins(item.position, item, width_s) for item in (own, other))
+    moved = SAME_MOTION**2 * float(np.nanvar(there, axis=0).mean())
+    for behind in range(shift - latest, shift + latest + 1):
+        begin = max(-behind, 0)
+        length = min(len(there) - begin, len(elsewhere) - begin - behind)
+        if length > 0:
+            apart = there[begin : begin + length] - elsewhere[begin + behind : begin + behind + length]
+            if np.nanmean(apart**2) < moved:
+                return True
+    return False
+
+
+def _in_bins(values: FloatArray, recording: Recording, width_s: float) -> FloatArray:
+    """(T, n) means of values (N, n) in steps of width_s, nan where there is none."""
     place = ((recording.time - recording.time[0]) / width_s).astype(np.int64)
-    counts = np.bincount(place)
     with np.errstate(invalid="ignore"):
-        torque = np.column_stack([np.bincount(place, column) / counts for column in recording.torque.T])
+        return np.column_stack([np.bincount(place, column) for column in values.T]) / np.bincount(place)[:, None]
+
+
+def _unrepeated(torque: FloatArray, bins: int) -> FloatArray:
+    """(T, n) second difference from period to period of a torque in bins, in its standard deviations."""
     left = torque[2 * bins :] - 2.0 * torque[bins:-bins] + torque[: -2 * bins]
     left = left - np.nanmedian(left, axis=0)
     size = 1.4826 * np.nanmedian(np.abs(left), axis=0)

@@ -201,3 +201,8 @@ def test_runs_alike_in_all_but_their_noise_are_independent(warming: float, kicke
     first, second, third = (several_periods(seed, warming=warming, kicked=kicked) for seed in (1, 2, 3))
     refuse_shared_samples([first], [second, resampled(third, 93.0)])
     refuse_shared_samples([first], [several_periods(4, motion=2)])
+
+
+def test_simulated_runs_of_two_motions_with_the_same_random_numbers_are_independent() -> None:
+    """A study with one seed for its noise was refused as a copy."""
+    refuse_shared_samples([several_periods(4)], [several_periods(4, motion=2)])
