@@ -92,8 +92,8 @@ def period_table(recording: Recording) -> PeriodTable:
 
     Labels that the run itself wrote are taken as they are. Labels by time stamps are refined: a stamp that is off the
     grid moves the value along the local slope onto it; rows that slide along the period are read at the moments of the
-    grid by a spline. Of several periods, a first one that differs from the others
-    ten times as much as they differ among themselves (the transient of a start) is left out.
+    grid by a spline. Of several periods, a first one that differs from the others ten times as much as they differ
+    among themselves (the transient of a start) is left out.
     Raises RecordingError when the recording has no period labels, or the motion does not repeat with the stated period.
     """
     if recording.period_index is None or recording.sample_in_period is None:
