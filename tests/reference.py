@@ -14,6 +14,17 @@ TABLES = Path(__file__).parent / "identification" / "data"
 """Tables 1 to 4 of the paper (README.md beside them)."""
 
 
+ARM_OF = {
+    "kr300_a": "kr300.urdf",
+    "kr300_b": "kr300.urdf",
+    "tx40_excitation": "tx40.urdf",
+    "lbrmed7": "med7dock.urdf",
+    "ur10": "ur10_mdh.csv",
+    "emps_a": "emps.urdf",
+    "emps_b": "emps.urdf",
+    "panda_excitation": "panda.urdf",
+}
+"""Of each real recording the file of its arm."""
 NOT_SHIPPED = ("panda_excitation.npz", "panda.urdf")
 """Under a licence (GPL) that does not let them come along."""
 

@@ -85,7 +85,7 @@ def less_torque(
             file=recording.source.path,
         )
     average = average_periods(period_table(recording))
-    along = torque_along(*smooth_motion(average, _BANDWIDTH_HZ))[:: average.refinement.factor]
+    along = torque_along(*smooth_motion(average, _BANDWIDTH_HZ))[:: average.finer.factor]
     place = recording.sample_in_period
     inside = (place >= 0) & (place < len(along))
     torque = recording.torque.copy()

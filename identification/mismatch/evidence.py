@@ -142,7 +142,7 @@ def periodic_evidence(
     position, velocity, acceleration = smooth_motion(average, bands.motion_bandwidth_hz)
     lines = torque_lines(average, bands)
     project = projection_of(velocity, average, lines)
-    finer = average.refinement
+    finer = average.finer
     torque = project(finer.refined(average.torque))
     frequency = np.repeat(np.arange(lines + 1) / average.period_s, 2)[1:]
     period_torque = None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray, runs_of
+from identification.recordings.labels import in_its_own_motion
 
 _EVEN = 0.02
 """Part of the sampling period that stamps of an even clock are off a whole number of periods at most."""
@@ -79,8 +80,7 @@ def row_clock(time: FloatArray, position: FloatArray) -> RowClock | None:
     period_s = float(np.median(steps))
     if time.size < 8 * _BESIDE or np.abs(steps / period_s - np.rint(steps / period_s)).max() < _EVEN:
         return None
-    there = position - position.mean(axis=0)
-    there = there / np.maximum(there.std(axis=0), 1e-2 * there.std(axis=0).max() + np.finfo(np.float64).tiny)
+    there = in_its_own_motion(position - position.mean(axis=0))
     taken, noise = time, 0.0
     for _ in range(_ROUNDS):
         found = _cycles(time, taken, there, noise)

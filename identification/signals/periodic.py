@@ -62,7 +62,7 @@ def process_periodic(
         table, beyond, replaced = clean_across_periods(table)
         bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
-    finer, samples = average.refinement, average.position.shape[0] * average.refinement.factor
+    finer, samples = average.finer, average.position.shape[0] * average.finer.factor
     position, velocity, acceleration = smooth_motion(average, settings.motion_bandwidth_hz)
     lines = torque_lines(average, settings)
     rows = 2 * lines + 1
@@ -108,7 +108,7 @@ def projection_of(velocity: FloatArray, average: PeriodAverage, lines: int) -> L
     velocity: (S, n) of `smooth_motion`, on the grid of the values. Where that is finer than the rows, the values
     are sampled as the rows were first; the lines are orthonormal on the finer grid.
     """
-    finer = average.refinement
+    finer = average.finer
     bridge = over_standstills(velocity[:: finer.factor], average.sampling_period_s)
     return lambda values: np.sqrt(finer.factor) * to_lines(bridge(finer.sampled(values)), lines)
 
@@ -165,11 +165,11 @@ def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> IntArray:
 def smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean position (S, n) of each joint's own harmonics with its first and second derivative, exact for these.
 
-    On the grid of the rows, S = M, or on the finer one that their model asks for (`refinement`).
+    On the grid of the rows, S = M, or on the finer one that their model asks for (`finer_grid`).
     """
     parts = [
         differentiate_harmonics(
-            average.refinement.refined(average.position[:, joint : joint + 1]), average.period_s, int(harmonics)
+            average.finer.refined(average.position[:, joint : joint + 1]), average.period_s, int(harmonics)
         )
         for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz))
     ]

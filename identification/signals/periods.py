@@ -14,8 +14,8 @@ from identification.arrays import BoolArray, FloatArray, IntArray, longest_run
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
+from identification.signals.finer_grid import ON_THE_ROWS, FinerGrid, at_moments, finer_grid_of
 from identification.signals.gaps import median_over_periods, wrapped_fill
-from identification.signals.refinement import ON_THE_ROWS, Refinement, at_moments, refinement_of
 
 LARGEST_SHARE_WITHOUT_DATA = 0.02
 LARGEST_GAP_WITHOUT_DATA_S = 0.05
@@ -37,7 +37,7 @@ class PeriodTable:
 
     position, torque: (K, M, n) rad, Nm. periods: (K,) their numbers in the recording. period_s: s.
     notes: sentences on what was left out. filtered_hz: cutoff of a low-pass that the torque went through before, None
-    where its noise shows none. refinement: the grid on which a model of it is evaluated.
+    where its noise shows none. finer: the grid on which a model of it is evaluated.
     """
 
     position: FloatArray
@@ -46,7 +46,7 @@ class PeriodTable:
     period_s: float
     notes: tuple[str, ...] = ()
     filtered_hz: float | None = None
-    refinement: Refinement = ON_THE_ROWS
+    finer: FinerGrid = ON_THE_ROWS
 
     @property
     def sampling_period_s(self) -> float:
@@ -63,8 +63,8 @@ class PeriodAverage:
     torque_spectrum, position_spectrum: (M // 2 + 1, n) variance of the noise of ONE period per spectral line, in the
     units of a white noise's variance (Nm², rad²), from successive differences; None for a single period.
     torque_noise_nm: (n,) standard deviation of one sample of one period, nan for a single period.
-    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period. filtered_hz, refinement: as
-    in `PeriodTable`.
+    noise_freedom: degrees of freedom of a line's noise variance, inf for a single period. filtered_hz, finer: as in
+    `PeriodTable`.
     """
 
     position: FloatArray
@@ -79,7 +79,7 @@ class PeriodAverage:
     noise_freedom: float = float("inf")
     notes: tuple[str, ...] = ()
     filtered_hz: float | None = None
-    refinement: Refinement = ON_THE_ROWS
+    finer: FinerGrid = ON_THE_ROWS
 
     @property
     def sampling_period_s(self) -> float:
@@ -116,9 +116,9 @@ def period_table(recording: Recording) -> PeriodTable:
     shape = (numbers.size, recording.samples_per_period, recording.n)
     offset_s = np.zeros(recording.samples) if recording.labelled_by_run else _offset_s(recording)
     step_s = recording.period_s / recording.samples_per_period
-    refinement = ON_THE_ROWS if recording.labelled_by_run else refinement_of(recording, offset_s[inside] / step_s)
+    finer = ON_THE_ROWS if recording.labelled_by_run else finer_grid_of(recording, offset_s[inside] / step_s)
     values = [recording.position, recording.torque]
-    if refinement.factor > 1:
+    if finer.factor > 1:
         moments = (
             recording.time[inside][0]
             - offset_s[inside][0]
@@ -145,7 +145,7 @@ def period_table(recording: Recording) -> PeriodTable:
     _check_repetition(recording, position)
     if not recording.labelled_by_run and (late := _not_simultaneous(recording, position, numbers)):
         notes.append(late)
-    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz, refinement)
+    return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz, finer)
 
 
 def average_periods(table: PeriodTable) -> PeriodAverage:
@@ -190,7 +190,7 @@ def average_periods(table: PeriodTable) -> PeriodAverage:
         noise_freedom=_noise_freedom(present.shape[0]),
         notes=tuple(notes),
         filtered_hz=table.filtered_hz,
-        refinement=table.refinement,
+        finer=table.finer,
     )
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import identification as ident
 from identification.recordings import read_recording
 from identification.signals import average_periods, period_table
-from identification.signals.refinement import Refinement, slides
+from identification.signals.finer_grid import FinerGrid, slides
 
 PERIOD_S, PERIODS = 4.0, 8
 MASS, VISCOUS, COULOMB = 95.0, 200.0, 20.0
@@ -69,7 +69,7 @@ def test_rows_are_read_at_the_moments_of_one_grid(tmp_path: Path, rate_hz: float
     recording = read_recording(_record(tmp_path, rate_hz, noise=0.0))
     assert slides(recording) == (finer > 1)
     average = average_periods(period_table(recording))
-    assert average.refinement.factor == finer
+    assert average.finer.factor == finer
     time = average.sampling_period_s * np.arange(len(average.position))
     # Of all stamps together: the grid begins up to a sample before or behind the first one.
     ahead = np.angle(np.fft.fft(average.position[:, 0])[1] / np.fft.fft(_motion(time)[0])[1]) * PERIOD_S / (2.0 * np.pi)
@@ -81,7 +81,7 @@ def test_rows_are_read_at_the_moments_of_one_grid(tmp_path: Path, rate_hz: float
 def test_a_finer_grid_holds_the_samples_and_gives_them_back(samples: int, factor: int, seed: int) -> None:
     random = np.random.default_rng(seed)
     values, shares = random.normal(size=(samples, 2)), random.normal(size=factor // 2 + 1)
-    finer = Refinement(factor, np.concatenate([[1.0], shares[1:]]).astype(np.complex128))
+    finer = FinerGrid(factor, np.concatenate([[1.0], shares[1:]]).astype(np.complex128))
     fine = finer.refined(values)
     assert fine.shape == (factor * samples, 2)
     assert fine[::factor] == pytest.approx(values, abs=1e-12)
@@ -96,4 +96,4 @@ def test_lines_that_the_rows_cannot_show_come_back_as_the_rows_show_them(offset:
     fine = np.cos(2.0 * np.pi * 17.0 * time + 0.4)
     rows = np.cos(2.0 * np.pi * 17.0 * there + 0.4)
     on_the_grid = np.fft.irfft(np.fft.rfft(rows) * np.exp(-2.0j * np.pi * np.arange(11) * offset / 20.0), n=20)
-    assert Refinement(4, kept).sampled(fine[:, None])[:, 0] == pytest.approx(on_the_grid, abs=1e-12)
+    assert FinerGrid(4, kept).sampled(fine[:, None])[:, 0] == pytest.approx(on_the_grid, abs=1e-12)

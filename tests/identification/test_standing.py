@@ -16,29 +16,18 @@ from identification.recordings import Recording, read_recording
 from identification.recordings.standing import standing_values
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
-from tests.reference import recording_file
-
-REAL = {
-    "kr300_a": "kr300.urdf",
-    "kr300_b": "kr300.urdf",
-    "tx40_excitation": "tx40.urdf",
-    "lbrmed7": "med7dock.urdf",
-    "ur10": "ur10_mdh.csv",
-    "emps_a": "emps.urdf",
-    "emps_b": "emps.urdf",
-    "panda_excitation": "panda.urdf",
-}
+from tests.reference import ARM_OF, recording_file
 
 
 def real(name: str) -> Recording:
-    return read_recording(recording_file(f"{name}.npz"), robot=recording_file(REAL[name]))
+    return read_recording(recording_file(f"{name}.npz"), robot=recording_file(ARM_OF[name]))
 
 
 def with_torque(recording: Recording, joint: int, torque: np.ndarray) -> Recording:
     return replace(recording, torque=np.where(np.arange(recording.n) == joint - 1, torque[:, None], recording.torque))
 
 
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", ARM_OF)
 def test_nothing_stands_in_real_recordings_nor_with_coarser_sensors(name: str) -> None:
     recording = real(name)
     assert standing_values(recording) == ()

@@ -66,13 +66,12 @@ class Left:
         joints, and a model without classes would not be the fit's.
         """
         problem, there = selection.rows.problem, self.rows.part == self.rows.folds
-        gram, product = np.zeros((1, 1)), np.zeros(1)
-        for joint in range(problem.n):
-            columns, torque = base_of(selection, joint)
-            scale = weight[joint] * problem.noise[joint, ~there]
-            scaled = columns[~there] * scale[:, None]
-            gram, product = gram + scaled.T @ scaled, product + scaled.T @ (torque[~there] * scale)
-        values, vectors = np.linalg.eigh(gram)
+        scale = (weight * problem.noise[:, ~there])[..., None]
+        parts = [base_of(selection, joint) for joint in range(problem.n)]
+        columns = [own * part[~there] for (part, _), own in zip(parts, scale, strict=True)]
+        torque = [own[:, 0] * part[~there] for (_, part), own in zip(parts, scale, strict=True)]
+        values, vectors = np.linalg.eigh(sum(part.T @ part for part in columns))
+        product = sum(part.T @ left for part, left in zip(columns, torque, strict=True))
         return np.asarray(vectors @ ((vectors.T @ product) / np.maximum(values, FREE)))
 
 

@@ -17,22 +17,11 @@ from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
-from tests.reference import recording_file
-
-REAL = {
-    "kr300_a": "kr300.urdf",
-    "kr300_b": "kr300.urdf",
-    "tx40_excitation": "tx40.urdf",
-    "lbrmed7": "med7dock.urdf",
-    "ur10": "ur10_mdh.csv",
-    "emps_a": "emps.urdf",
-    "emps_b": "emps.urdf",
-    "panda_excitation": "panda.urdf",
-}
+from tests.reference import ARM_OF, recording_file
 
 
 def real(name: str) -> tuple[Recording, RobotModel]:
-    robot = load_robot(recording_file(REAL[name]))
+    robot = load_robot(recording_file(ARM_OF[name]))
     return read_recording(recording_file(f"{name}.npz"), robot=robot.spec), robot
 
 
@@ -44,7 +33,7 @@ def changed(recording: Recording, joint: int, share: float, scale: float, offset
     return replace(recording, torque=torque)
 
 
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", ARM_OF)
 def test_no_torque_of_a_real_recording_changes(name: str) -> None:
     recording, robot = real(name)
     assert changed_torques(recording, robot) == ()

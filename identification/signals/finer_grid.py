@@ -22,10 +22,11 @@ FINEST_S = 2.5e-4
 """A model's steps stand within half of that: an eighth of a millisecond."""
 _DEGREE = 5
 _SMALLEST_STEP, _LARGEST_STEP = 0.5, 1.8
+"""Of the usual distance of rows: nearer ones are left out of a spline, and across a longer one none goes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Refinement:
+class FinerGrid:
     """A grid `factor` times finer than the samples of a period, and what of its lines the mean over periods holds.
 
     kept: (factor // 2 + 1,) complex share of the lines that come out as others when sampled, by how many times the
@@ -57,7 +58,7 @@ class Refinement:
         return np.asarray(np.fft.irfft(spectrum, n=values.shape[0], axis=0)[:: self.factor])
 
 
-ON_THE_ROWS = Refinement()
+ON_THE_ROWS = FinerGrid()
 
 
 def slides(recording: Recording) -> bool:
@@ -76,7 +77,7 @@ def slides(recording: Recording) -> bool:
     return bool(slide * periods > SMALLEST_SLIDE)
 
 
-def refinement_of(recording: Recording, offset: FloatArray) -> Refinement:
+def finer_grid_of(recording: Recording, offset: FloatArray) -> FinerGrid:
     """The grid for the model of a recording labelled by time stamps; that of its rows where they do not slide.
 
     offset: of labelled rows behind the moments of their samples, in samples.
@@ -86,7 +87,7 @@ def refinement_of(recording: Recording, offset: FloatArray) -> Refinement:
     if not slides(recording):
         return ON_THE_ROWS
     factor = max(2, int(np.ceil(recording.period_s / recording.samples_per_period / FINEST_S)))
-    return Refinement(factor, np.exp(2.0j * np.pi * np.outer(np.arange(factor // 2 + 1), offset)).mean(axis=1))
+    return FinerGrid(factor, np.exp(2.0j * np.pi * np.outer(np.arange(factor // 2 + 1), offset)).mean(axis=1))
 
 
 def at_moments(time: FloatArray, values: FloatArray, moments: FloatArray) -> FloatArray:
