@@ -343,6 +343,7 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "folder" / "investigation.json").exists()
+    assert not list(tmp_path.glob("folder/motion-*"))
 
 
 def test_recordings_that_name_no_robot_are_of_the_one_of_the_command(
