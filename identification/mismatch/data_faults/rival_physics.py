@@ -23,18 +23,21 @@ def rival_physics(
     """Per joint an orthonormal basis (S, m) of its free functions; all arguments (S, n).
 
     Of the position in each direction of motion, of the velocity, of its own torque (delay, friction under load) and of
-    the torques of all other joints (crosstalk).
+    the torques of all other joints (crosstalk). Friction under load without its share of the torque itself: where
+    friction is all that a joint carries the two are one, and the torque would be its own explanation.
     """
     bases = []
     for joint in range(position.shape[1]):
         heading = np.sign(velocity[:, joint])[:, None]
+        own = torque[:, joint : joint + 1]
+        by_load = beside(own / max(float(np.linalg.norm(own)), 1e-300), heading * np.abs(own))
         curves = hats(position[:, joint], POSITION_KNOTS)
         columns = np.concatenate(
             [
                 curves,
                 heading * curves,
                 hats(velocity[:, joint], VELOCITY_KNOTS),
-                heading * np.abs(torque[:, joint : joint + 1]),
+                by_load,
                 torque_rate[:, joint : joint + 1],
                 np.delete(torque, joint, axis=1),
             ],

@@ -18,6 +18,7 @@ from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
 from identification.mismatch.data_faults import torque_signs
 from identification.mismatch.data_faults.faults import find_data_faults
+from identification.mismatch.data_faults.rival_physics import beside, rival_physics
 from identification.mismatch.data_faults.torque_signs import SignRows
 from identification.mismatch.diagnosis import diagnose
 from identification.physical_parameters import PhysicalParameters
@@ -110,6 +111,21 @@ def test_the_fit_is_never_less_likely_than_the_truth_where_free_functions_could_
     )
     (found,) = torque_signs._profile([rows], np.ones((1, joints)))[0]
     assert found >= truth
+
+
+def test_friction_that_is_all_of_a_torque_is_not_its_own_explanation() -> None:
+    """Truth: friction under a load that depends on nothing but time, which no function of a joint's state describes.
+
+    Its size in the direction of motion is that torque. So the free functions explained it whole, with either sign, and
+    of two sound recordings of an arm whose wrist carries little but friction one was said to have a turned sensor
+    (2.75 Nm left where 0.01 are noise).
+    """
+    time = np.linspace(0.0, 10.0, 1200)
+    position, velocity = (np.sin(time)[:, None], np.cos(time)[:, None])
+    load = 2.0 + np.sin(7.3 * time[:, None] + 0.3)
+    torque = np.sign(velocity) * load
+    (basis,) = rival_physics(position, velocity, torque, np.gradient(torque, time, axis=0))
+    assert np.linalg.norm(beside(basis, torque)) > 0.1 * np.linalg.norm(torque)
 
 
 @pytest.fixture(scope="module")
