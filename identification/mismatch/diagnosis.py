@@ -328,7 +328,8 @@ def _against_classes(
         result = search_beside_classes(classes, now.result.before, now.library, renewed, settings)
         now = replace(now, result=result)
     shown = joints_shown(now.result.trial)
-    return now, dependence if shown <= named else find_dependence(now.fitted, unseen, named | shown)
+    asked_already = dependence.every.asked[sorted(shown)].all()
+    return now, dependence if asked_already else find_dependence(now.fitted, unseen, named | shown)
 
 
 def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
