@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,6 +40,21 @@ Part = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
+class OfOther:
+    """The functions that `of_one` makes of a joint, of the one `offset` further out; none where none is."""
+
+    of_one: Callable[[Inputs, int], Part]
+    offset: int
+
+    def __call__(self, inputs: Inputs, joint: int) -> Part:
+        """Those on a motion, asked for a joint (from 0)."""
+        other = joint + self.offset
+        if 0 <= other < inputs.motion.n:
+            return self.of_one(inputs, other)
+        return np.zeros((inputs.motion.samples, 1)), np.ones(inputs.motion.samples)
+
+
+@dataclass(frozen=True, slots=True)
 class DependenceClass:
     """One class of dependence. name: contract §6. words: for a sentence, after "a torque that".
 
@@ -59,11 +74,12 @@ class DependenceClass:
     background: bool = False
     described: tuple[str, ...] = ()
     within: str = ""
-    further: tuple[Callable[[Inputs, int], Part], ...] = ()
+    further: tuple[OfOther, ...] = ()
 
     def functions(self, group: int) -> Callable[[Inputs, int], Part]:
         """Those of a group; the further ones are numbered behind the others."""
-        return (*self.groups, *self.further)[group]
+        every: tuple[Callable[[Inputs, int], Part], ...] = (*self.groups, *self.further)
+        return every[group]
 
 
 def _constant(inputs: Inputs, joint: int) -> Part:
@@ -229,16 +245,9 @@ FARTHEST = 8
 """Joints from one to another of which functions are asked alone."""
 
 
-def _of_one(functions: Callable[[Inputs, int], Part]) -> tuple[Callable[[Inputs, int], Part], ...]:
-    """The same functions of one other joint each, in the order of how much further out it is; none where none is."""
-
-    def of(offset: int, inputs: Inputs, joint: int) -> Part:
-        other = joint + offset
-        if 0 <= other < inputs.motion.n:
-            return functions(inputs, other)
-        return np.zeros((inputs.motion.samples, 1)), np.ones(inputs.motion.samples)
-
-    return tuple(partial(of, offset) for offset in (*range(-FARTHEST, 0), *range(1, FARTHEST + 1)))
+def _of_one(functions: Callable[[Inputs, int], Part]) -> tuple[OfOther, ...]:
+    """The same functions of one other joint each, in the order of how much further out it is."""
+    return tuple(OfOther(functions, offset) for offset in (*range(-FARTHEST, 0), *range(1, FARTHEST + 1)))
 
 
 def _velocity_and_friction(inputs: Inputs, joint: int) -> Part:

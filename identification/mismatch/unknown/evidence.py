@@ -280,18 +280,26 @@ def loss_without(joint: JointGram, hyper: Hyper, now: Posterior, groups: Sequenc
 
 
 def beside(
-    visible: FloatArray, held: FloatArray, rest: FloatArray, part: Marginal, shared: Shared
-) -> tuple[FloatArray, FloatArray]:
-    """Products (k, k) of columns that a joint does not hold, and (k,) with its torque, all else integrated out.
+    visible: Sequence[FloatArray], held: FloatArray, rest: FloatArray, part: Marginal, shared: Shared
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Products (w, w) of each kind of k columns that a joint does not hold, and (w,) with its torque, all else
+    integrated out.
 
-    visible: (k, k) their own products over the noise; held: (m, k) with the columns that it holds; rest: (k, p + 1)
-    with [F y]. part: the joint with those that it holds; shared: with all joints.
+    visible: (w, w) products of each kind over the noise; held: (m, k) of all with the columns that the joint holds;
+    rest: (k, p + 1) with [F y]. part: the joint with those that it holds; shared: with all joints.
     """
+    half: FloatArray = np.zeros((len(rest), 0))
     if held.size:
         half = solve_triangular(part.factor, part.root[:, None] * held, lower=True, check_finite=False).T
-        visible, rest = visible - half @ half.T, rest - half @ part.solved
+        rest = rest - half @ part.solved
     solved = np.linalg.solve(shared.precision, np.column_stack([rest[:, :-1].T, shared.target]))
-    return visible - rest[:, :-1] @ solved[:, :-1], rest[:, -1] - rest[:, :-1] @ solved[:, -1]
+    target = rest[:, -1] - rest[:, :-1] @ solved[:, -1]
+    found, last = [], 0
+    for block in visible:
+        first, last = last, last + len(block)
+        own, base = half[first:last], rest[first:last, :-1]
+        found.append((block - own @ own.T - base @ solved[:, first:last], target[first:last]))
+    return found
 
 
 def largest_gain(visible: FloatArray, target: FloatArray, variances: FloatArray) -> float:

@@ -7,20 +7,16 @@ all functions at once: so many would share a torque, and none of them would be m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
 
-from identification.arrays import FloatArray
 from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.choice import exchange
-from identification.mismatch.unknown.classes import Basis
+from identification.mismatch.unknown.rows import Found
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, JointState, Selection
-
-Candidate = tuple[Basis, FloatArray]
-"""A group of functions with its whitened columns (R, m)."""
 
 
 def left_more_than_noise(selection: Selection) -> list[int]:
@@ -45,8 +41,9 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
 
     Its rows have the groups that were there before, and of the further ones those that were tried.
     """
+    known: dict[Hashable, Found] = {}
     for joint in joints:
-        candidates = selection.rows.further(joint)
+        candidates = selection.rows.further(joint, known)
         # What a joint holds may stand for what it lacked, so it grows from nothing too.
         empty = selection.settled(joint, selection.unsettled(joint, ()), FULL_ROUNDS)
         grown = [
@@ -59,7 +56,7 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
     return selection
 
 
-def _grown(selection: Selection, joint: int, candidates: Sequence[Candidate]) -> Selection:
+def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
     """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
@@ -84,17 +81,18 @@ def _grown(selection: Selection, joint: int, candidates: Sequence[Candidate]) ->
         selection, score = selection.with_state(joint, state), worth
 
 
-def _gains(selection: Selection, joint: int, candidates: Sequence[Candidate]) -> dict[int, float]:
+def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, float]:
     """Nats that each candidate alone would gain, by its place among them."""
     if not candidates:
         return {}
     state, rows = selection.states[joint], selection.rows.joints[joint]
-    columns = np.concatenate([own for _, own in candidates], axis=1)
-    kind = np.repeat(np.arange(len(candidates)), [own.shape[1] for _, own in candidates])
-    weighted = columns / state.hyper.noise[selection.rows.band][:, None]
+    noise = state.hyper.noise[selection.rows.band][:, None]
+    weighted = [own / noise for _, own in candidates]
+    visible = [own.T @ other for (_, own), other in zip(candidates, weighted, strict=True)]
+    every = np.concatenate(weighted, axis=1)
     held = rows.whitened[:, selection.columns(joint, state)]
-    products = weighted.T @ columns, held.T @ weighted, weighted.T @ rows.whitened[:, rows.columns :]
-    return selection.gains_of(joint, state, products, kind)
+    gains = selection.gains_of(joint, state, visible, held.T @ every, every.T @ rows.whitened[:, rows.columns :])
+    return dict(enumerate(gains))
 
 
 def _pruned(selection: Selection, joint: int, state: JointState) -> JointState:

@@ -5,9 +5,9 @@ Here: from motions to Gram matrices. Not here: what they are worth (`evidence`, 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.special import chdtrc
@@ -74,14 +74,15 @@ class Rows:
 
     def of(self, parts: Sequence[int]) -> tuple[JointGram, ...]:
         """Gram matrices of some parts together."""
-        first, *rest = parts
-        result = []
-        for gram, count, joint in zip(self.grams, self.count, self.joints, strict=True):
-            total = gram[first] if not rest else gram[first] + gram[rest[0]]
-            for part in rest[1:]:
-                total += gram[part]
-            result.append(JointGram(total, count[list(parts)].sum(axis=0), joint.group))
-        return tuple(result)
+        return tuple(self.of_joint(joint, parts) for joint in range(len(self.joints)))
+
+    def of_joint(self, joint: int, parts: Sequence[int]) -> JointGram:
+        """Those of one joint (from 0)."""
+        gram, (first, *rest) = self.grams[joint], parts
+        total = gram[first] if not rest else gram[first] + gram[rest[0]]
+        for part in rest[1:]:
+            total += gram[part]
+        return JointGram(total, self.count[joint, list(parts)].sum(axis=0), self.joints[joint].group)
 
     def with_torque(self, torque: Sequence[FloatArray]) -> Rows:
         """The same columns beside another torque, (R, n) Nm of each evidence."""
@@ -119,11 +120,19 @@ class Rows:
             grams.append(grown)
         return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.concatenate(prior))
 
-    def further(self, joint: int) -> list[tuple[Basis, FloatArray]]:
-        """The further groups of all classes on a joint (from 0), with their whitened columns (R, m)."""
-        found = functions_of(self.evidences, self.inputs, joint, _FURTHER)
-        weight = self.problem.weight[joint][:, None]
-        return [(basis, rows * weight) for basis, rows in found]
+    def further(self, joint: int, known: dict[Hashable, Found]) -> Found:
+        """The further groups of all classes on a joint (from 0), with their whitened columns (R, m).
+
+        known: functions of one other joint, before they are whitened, as calls for other joints found them.
+        """
+        weight, found = self.problem.weight[joint][:, None], []
+        for number, item in enumerate(CLASSES):
+            for group, functions in enumerate(item.further, start=len(item.groups)):
+                key = functions.of_one, joint + functions.offset
+                if key not in known:
+                    known[key] = functions_of(self.evidences, self.inputs, joint, [(number, group)])
+                found += [(replace(basis, group=group, joint=joint), rows * weight) for basis, rows in known[key]]
+        return found
 
     def with_group(self, joint: int, basis: Basis, columns: FloatArray) -> Rows:
         """With one group more on a joint (from 0), behind the others. columns: (R, m) whitened."""
@@ -137,10 +146,11 @@ class Rows:
         """A joint's whitened columns and their products with further columns (R, k) before one of them."""
         key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
         whitened = np.concatenate([joint.whitened[:, :place], own, joint.whitened[:, place:]], axis=1)
-        new = np.arange(place, place + own.shape[1])
-        old = np.delete(np.arange(whitened.shape[1]), new)
+        new = slice(place, place + own.shape[1])
+        before, behind = (slice(place), slice(place)), (slice(place, None), slice(new.stop, None))
         grown = np.empty((*gram.shape[:2], whitened.shape[1], whitened.shape[1]))
-        grown[:, :, old[:, None], old] = gram
+        for (old, there), (old_column, column) in product((before, behind), repeat=2):
+            grown[:, :, there, column] = gram[:, :, old, old_column]
         grown[..., new] = products(whitened, own, key, (parts, bands))
         grown[:, :, new] = grown[..., new].swapaxes(2, 3)
         return whitened, grown
@@ -271,9 +281,8 @@ def _joints(
 
 Place = tuple[int, int]
 """Number of a class in CLASSES, and number of one of its groups."""
-_FURTHER: tuple[Place, ...] = tuple(
-    (number, len(item.groups) + group) for number, item in enumerate(CLASSES) for group in range(len(item.further))
-)
+Found = list[tuple[Basis, FloatArray]]
+"""Groups of functions with their columns (R, m)."""
 
 
 def usual_groups(*, measured: bool) -> list[Place]:

@@ -125,7 +125,7 @@ class Selection:
         """A copy whose rows have one group more on a joint, (R, m) whitened, which no state holds yet."""
         rows = self.rows.with_group(joint, basis, columns)
         grams = list(self.worlds[0])
-        grams[joint] = rows.of(range(rows.folds + rows.heldout))[joint]
+        grams[joint] = rows.of_joint(joint, range(rows.folds + rows.heldout))
         return replace(self, rows=rows, worlds=(tuple(grams),), states=list(self.states), held=list(self.held))
 
     def with_state(self, joint: int, state: JointState) -> Selection:
@@ -292,23 +292,22 @@ class Selection:
         if not absent.size:
             return {}
         bases = self.rows.joints[joint].bases
-        total = np.tensordot(1.0 / state.hyper.noise, gram.gram, axes=1)
-        products = total[absent[:, None], absent], total[held[:, None], absent], total[absent][:, gram.columns :]
         number_of = np.array([bases[group].number for group in gram.group[absent]])
-        found = self.gains_of(joint, state, products, number_of)
-        return {number: gain for number, gain in found.items() if number not in self.banned}
+        kinds = {int(number): absent[number_of == number] for number in np.unique(number_of)}
+        ordered = np.concatenate(list(kinds.values()))
+        total = np.tensordot(1.0 / state.hyper.noise, gram.gram, axes=1)
+        visible = [total[own[:, None], own] for own in kinds.values()]
+        products = visible, total[held[:, None], ordered], total[ordered][:, gram.columns :]
+        gains = zip(kinds, self.gains_of(joint, state, *products), strict=True)
+        return {number: gain for number, gain in gains if number not in self.banned}
 
     def gains_of(
-        self, joint: int, state: JointState, products: tuple[FloatArray, FloatArray, FloatArray], kind: IntArray
-    ) -> dict[int, float]:
-        """Nats that absent columns of each kind would gain. products: as `beside` takes them; kind: (k,) numbers."""
-        visible, target = beside(*products, state.part, self.others(joint, 0).plus(state.part))
+        self, joint: int, state: JointState, visible: Sequence[FloatArray], held: FloatArray, rest: FloatArray
+    ) -> list[float]:
+        """Nats that absent columns of each kind would gain, their products as `beside` takes them."""
         variances = float(self.rows.misfit[joint]) * np.geomspace(1e-3, VARIANCE_CAP, GRID)
-        found = {}
-        for number in np.unique(kind).tolist():
-            chosen = np.flatnonzero(kind == number)
-            found[int(number)] = largest_gain(visible[chosen[:, None], chosen], target[chosen], variances)
-        return found
+        shared = self.others(joint, 0).plus(state.part)
+        return [largest_gain(*own, variances) for own in beside(visible, held, rest, state.part, shared)]
 
     def with_groups(self, chosen: Sequence[Sequence[int]]) -> Selection:
         """A copy whose joints hold some groups each, with variances and weights of their own."""
