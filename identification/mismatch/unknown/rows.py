@@ -188,7 +188,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     asked = _worth_asking(problem, band)
     asked[list(named)] = True
     joints = _joints(problem, evidences, inputs, asked)
-    bands, parts = len(BAND_EDGES_HZ) + 1, folds + (unseen is not None)
+    bands, parts = int(band.max()) + 1, folds + (unseen is not None)
     key = part * bands + band
     count = np.stack([np.bincount(key, weights=row > 0.0, minlength=parts * bands) for row in problem.weight])
     samples = (
