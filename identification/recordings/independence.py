@@ -130,7 +130,7 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
         return f"is {name} itself"
     if own.n != other.n:
         return ""
-    shared = int(np.isin(other_prints, own_prints).sum())
+    shared = _count_among(np.sort(own_prints), other_prints)
     if shared >= FEWEST_SHARED:
         return f"shares {shared} of its {other_prints.size} moving samples with {name}"
     together = _same_moments(own, other)
@@ -141,6 +141,13 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
     if alike:
         return f"has the noise of {name} (correlation {alike:.2g}): a copy, resampled or filtered"
     return ""
+
+
+def _count_among(known: Prints, prints: Prints) -> int:
+    """How many of some fingerprints are among known ones, which are in order."""
+    ordered = np.sort(prints)
+    place = np.minimum(np.searchsorted(known, ordered), known.size - 1)
+    return int((known[place] == ordered).sum()) if known.size else 0
 
 
 def _runs(own: Recording, other: Recording) -> list[str | None]:
@@ -192,5 +199,6 @@ def _fingerprints(recording: Recording) -> Prints:
 def _rounded(rows: FloatArray) -> Prints:
     """Numbers in steps of the last decimal kept, or of the last digit where that is coarser."""
     digits = np.floor(np.log10(np.maximum(np.abs(rows), np.finfo(np.float64).tiny)))
-    step = 10.0 ** np.maximum(digits - (KEPT_DIGITS - 1) + KEPT_DECIMALS, 0.0)
+    order = np.maximum(digits - (KEPT_DIGITS - 1) + KEPT_DECIMALS, 0.0).astype(np.int64)
+    step = (10.0 ** np.arange(order.max(initial=0) + 1))[order]  # one power of each order, not of each number
     return np.asarray(np.rint(np.rint(rows * 10.0**KEPT_DECIMALS / step) * step), dtype=np.int64)
