@@ -44,7 +44,7 @@ def standing_values(recording: Recording) -> tuple[Finding, ...]:
             found.append(
                 _finding("clipped_torque", clipped, joint, f"the torque is cut off at {ends} {recording.torque_unit}")
             )
-        held = _held(torque, _in_motion(recording, joint)) & ~clipped
+        held = _held(recording, joint) & ~clipped
         if held.any():
             zero = bool((torque[held] == 0.0).all())
             what = "the torque is exactly 0" if zero else "the torque keeps the value of the row before"
@@ -79,19 +79,21 @@ def _clipped(torque: FloatArray, moves: BoolArray) -> tuple[BoolArray, list[floa
     return marked, limits
 
 
-def _held(torque: FloatArray, moves: BoolArray) -> BoolArray:
-    """(N,) rows that repeat the torque (N,) of the row before for longer than chance, while the joint moves.
+def _held(recording: Recording, joint: int) -> BoolArray:
+    """(N,) rows that repeat a joint's torque of the row before for longer than chance, while the joint moves.
 
     A sensor whose steps are coarser than its noise repeats what it will, so nothing is said of it; nor of a run that
     begins and ends by one step.
     """
+    torque = recording.torque[:, joint]
     marked = np.zeros(torque.size, dtype=np.bool_)
     change = np.abs(np.diff(torque))
-    news = change > 0.0
-    if not news.any() or is_coarse(torque[np.append(True, news), None]):
+    news, runs = change > 0.0, _unlikely_runs(change)
+    if not runs.size or not news.any() or is_coarse(torque[np.append(True, news), None]):
         return marked
+    moves = _in_motion(recording, joint)
     quantum = OF_A_QUANTUM * float(np.percentile(change[news], 10.0))
-    for first, behind in _unlikely_runs(change):
+    for first, behind in runs:
         beside = [change[place] for place in (first - 1, behind) if 0 <= place < change.size]
         if max(beside) > quantum and moves[first + 1 : behind + 1].mean() > 0.5:
             marked[first + 1 : behind + 1] = True
@@ -139,6 +141,8 @@ def _stuck(recording: Recording, joint: int) -> BoolArray:
     step = np.diff(recording.position[:, joint])
     marked = np.zeros(recording.samples, dtype=np.bool_)
     runs = _unlikely_runs(np.abs(step))
+    if not runs.size:
+        return marked
     others = np.column_stack([np.delete(recording.position, joint, axis=1), recording.torque[:, joint]])
     news = (np.diff(others, axis=0) != 0.0).any(axis=1)
     runs = np.array([run for run in runs if news[slice(*run)].mean() > 0.5], dtype=np.int64).reshape(-1, 2)
