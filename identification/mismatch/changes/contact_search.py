@@ -78,6 +78,9 @@ class PeriodGround:
         self._root = np.eye(count) - (1.0 - left) / count
         self._back = np.eye(count) + (1.0 / left - 1.0) / count
         self._target = np.einsum("pk,krj->prj", self._back, contrasts.z[self._periods])
+        target = contrasts.without_seam(self._target[..., None], range(contrasts.evidence.n))[..., 0]
+        self._against = (target * contrasts.weight).reshape(-1, contrasts.evidence.n)
+        self._seams = (contrasts.seam * contrasts.weight[..., None]).reshape(len(contrasts.seam), -1)
 
     def course(self, factor_of: Callable[[FloatArray], FloatArray], near: IntArray | None = None) -> FloatArray:
         """(P, S)."""
@@ -100,13 +103,15 @@ class PeriodGround:
 
     def free(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Diagonal, as the joints' noises are independent."""
-        evidence = self._contrasts.evidence
-        rows = np.zeros((len(factors), *self._target.shape[1:]))
+        evidence, contrasts = self._contrasts.evidence, self._contrasts
+        plain = np.zeros((len(factors), evidence.frequency.size))
         for place in np.flatnonzero(factors.any(axis=1)):
-            plain = np.broadcast_to(evidence.project(factors[place][:, None])[..., None], (*rows.shape[1:], 1))
-            rows[place] = self._contrasts.whiten_repeated(plain, range(evidence.n))[..., 0]
-        rows = np.einsum("pk,krj->prj", self._root, rows)
-        return np.diag((rows**2).sum(axis=(0, 1))), (rows * self._target).sum(axis=(0, 1))
+            plain[place] = evidence.project(factors[place][:, None])[:, 0]
+        plain = self._root @ plain
+        # Rows without seam: their squares are those with it, less those of their part in it.
+        seams = (plain @ self._seams).reshape(len(plain), evidence.n, -1)
+        squares = (plain**2).sum(axis=0) @ contrasts.weight**2 - (seams**2).sum(axis=(0, 2))
+        return np.diag(np.maximum(squares, 0.0)), plain.ravel() @ self._against
 
 
 def _scan_windows(

@@ -82,10 +82,13 @@ class Contrasts:
 
     def whiten_repeated(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
         """(…, R, J, m) rows of periods → whitened and without the seam; for contrasts that only weight periods."""
-        chosen = list(joints)
-        seam = self.seam[:, chosen]
-        result = rows * self.weight[:, chosen, None]
-        return np.asarray(result - np.einsum("rjg,...jgm->...rjm", seam, np.einsum("rjg,...rjm->...jgm", seam, result)))
+        return self.without_seam(rows * self.weight[:, list(joints), None], joints)
+
+    def without_seam(self, rows: FloatArray, joints: Sequence[int]) -> FloatArray:
+        """(…, R, J, m) whitened rows → the same, without their part in the seam."""
+        seam = self.seam[:, list(joints)].transpose(1, 0, 2)
+        by_joint = rows.swapaxes(-3, -2)
+        return np.asarray(rows - (seam @ (seam.swapaxes(1, 2) @ by_joint)).swapaxes(-3, -2))
 
     def repeated(
         self, effect: EnvelopedEffect, place: Place, shape: Mapping[str, float]
