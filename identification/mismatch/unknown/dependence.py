@@ -40,7 +40,7 @@ class Dependence:
 def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection[int] = ()) -> Dependence:
     """The classes of what the nominal model leaves. named: joints (from 0) that names are proposed for."""
     every = build_rows(fitted, unseen, named)
-    together = choose_classes(Selection.of(every, range(every.folds + every.heldout), predicted=True))
+    together = choose_classes(Selection.of(every, every.parts, predicted=True))
     if joints := left_more_than_noise(together):
         together = asked_further(together, joints)
         every = together.rows

@@ -102,7 +102,7 @@ def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[i
         whole = _together(every, names, chosen)
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
-        whole = Selection.of(rows, range(rows.folds + rows.heldout), predicted=True).with_groups(chosen)
+        whole = Selection.of(rows, rows.parts, predicted=True).with_groups(chosen)
     losses = {
         joint: whole.losses(joint, whole.states[joint], whole.families(joint, whole.states[joint]))
         for joint in range(every.problem.n)
@@ -124,7 +124,8 @@ def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int
     chosen: groups of each joint's classes without names.
     """
     rows = every.with_columns([(name.columns, name.size) for name in names])
-    whole = Selection.of(rows, range(rows.folds + rows.heldout))
+    whole = Selection.of(rows, rows.parts)
+    rows = whole.rows
     shown = {joint for name in names for joint in name.joints}
     for joint in range(rows.problem.n):
         if not rows.asked[joint] or not whole.asks(joint):
@@ -226,13 +227,15 @@ def _carried(rest: Selection, joint: int, number: int, whole: Selection, own: In
 
 def _agreement(whole: Selection, own: IntArray) -> float:
     """Chance that coefficients from the fitted and the held-out rows alone, beside the same classes, differ so much."""
-    rows = whole.rows
-    if not rows.heldout:
+    if not whole.rows.heldout:
         return 1.0
+    rows = whole.rows.limited([state.groups for state in whole.states], heldout=True)
     estimates = []
     for parts in (range(rows.folds), [rows.folds]):
         side = Selection(rows, (rows.of(list(parts)),), (1.0,))
-        side.states = [side.state(joint, state.groups, state.hyper) for joint, state in enumerate(whole.states)]
+        for joint, state in enumerate(whole.states):
+            places = tuple(sorted(state.groups).index(group) for group in state.groups)
+            side.states.append(side.state(joint, places, state.hyper))
         now = side.posterior(0, side.states[0])
         place = now.covariance.shape[0] - now.base.size + own
         estimates.append((now.base[own], now.covariance[np.ix_(place, place)]))

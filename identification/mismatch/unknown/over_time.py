@@ -206,6 +206,7 @@ class _Recording:
             band=band,
             folds=1,
             prior=np.zeros(0),
+            cell=band,
             grams=tuple(products(item.whitened, item.whitened, band, (1, bands)) for item in parts),
             count=count.reshape(n, 1, bands).astype(np.float64),
             misfit=(np.where(weight > 0.0, whitened.T * noise, 0.0) ** 2).sum(axis=1) / evidence.samples,

@@ -47,7 +47,9 @@ class Rows:
     (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more than their
     noise. samples: behind the fitted and the held-out rows. noise_rows: that the measured noise of a band is worth, 0
     without any; noise_odds: that it is another one. prior: (P,) precision beforehand of what stands in F.
-    grams: per joint (parts, bands, M, M), and count (n, parts, bands).
+    grams: per joint (parts, bands, M, M) products, and count (n, parts, bands) of their rows; all parts are one where
+    the noise is measured, all bands where stretches are predicted (`resolved`: neither). cell: (R,) which of these a
+    row is in, part by part; parts · bands where in none.
     """
 
     problem: Problem
@@ -59,6 +61,7 @@ class Rows:
     band: IntArray
     folds: int
     prior: FloatArray
+    cell: IntArray
     grams: tuple[FloatArray, ...]
     count: FloatArray
     misfit: FloatArray
@@ -71,6 +74,16 @@ class Rows:
     def heldout(self) -> bool:
         """Whether any row is held out."""
         return bool((self.part == self.folds).any())
+
+    @property
+    def parts(self) -> range:
+        """Of the products."""
+        return range(self.count.shape[1])
+
+    @property
+    def by_band(self) -> bool:
+        """Whether each band has products of its own."""
+        return bool(self.count.shape[2] == self.band.max() + 1)
 
     def of(self, parts: Sequence[int]) -> tuple[JointGram, ...]:
         """Gram matrices of some parts together."""
@@ -88,12 +101,11 @@ class Rows:
         """The same columns beside another torque, (R, n) Nm of each evidence."""
         problem = with_torque(self.problem, torque)
         residual = problem.residual.reshape(problem.weight.shape)
-        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
         joints, grams = [], []
         for joint, gram, values in zip(self.joints, self.grams, residual, strict=True):
             whitened = np.concatenate([joint.whitened[:, :-1], values[:, None]], axis=1)
             changed = gram.copy()
-            changed[..., -1] = products(whitened, values[:, None], key, (parts, bands))[..., 0]
+            changed[..., -1] = products(whitened, values[:, None], self.cell, self.count.shape[1:])[..., 0]
             changed[..., -1, :] = changed[..., -1]
             joints.append(JointRows(whitened, joint.bases, joint.group))
             grams.append(changed)
@@ -144,28 +156,33 @@ class Rows:
 
     def _with(self, joint: JointRows, gram: FloatArray, own: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
         """A joint's whitened columns and their products with further columns (R, k) before one of them."""
-        key, (parts, bands) = self.part * self.count.shape[2] + self.band, self.count.shape[1:]
         whitened = np.concatenate([joint.whitened[:, :place], own, joint.whitened[:, place:]], axis=1)
         new = slice(place, place + own.shape[1])
         before, behind = (slice(place), slice(place)), (slice(place, None), slice(new.stop, None))
         grown = np.empty((*gram.shape[:2], whitened.shape[1], whitened.shape[1]))
         for (old, there), (old_column, column) in product((before, behind), repeat=2):
             grown[:, :, there, column] = gram[:, :, old, old_column]
-        grown[..., new] = products(whitened, own, key, (parts, bands))
+        grown[..., new] = products(whitened, own, self.cell, self.count.shape[1:])
         grown[:, :, new] = grown[..., new].swapaxes(2, 3)
         return whitened, grown
 
-    def limited(self, chosen: Sequence[Sequence[int]]) -> Rows:
-        """Only some groups of each joint, without the products of held-out rows."""
-        joints, grams = [], []
-        for joint, wanted, gram in zip(self.joints, chosen, self.grams, strict=True):
+    def limited(self, chosen: Sequence[Sequence[int]], *, heldout: bool = False) -> Rows:
+        """Only some groups of each joint, with products of each part and band; of held-out rows only where asked."""
+        joints = []
+        for joint, wanted in zip(self.joints, chosen, strict=True):
             own = np.flatnonzero(np.isin(joint.group, list(wanted)))
             places, group = np.unique(joint.group[own], return_inverse=True)
             kept = np.concatenate([own, np.arange(joint.columns, joint.whitened.shape[1])])
             bases = tuple(joint.bases[place] for place in places)
             joints.append(JointRows(joint.whitened[:, kept], bases, group.astype(np.int64)))
-            grams.append(gram[: self.folds][:, :, kept[:, None], kept])
-        return replace(self, joints=tuple(joints), grams=tuple(grams), count=self.count[:, : self.folds])
+        parts, bands = self.folds + (heldout and self.heldout), int(self.band.max()) + 1
+        cell = np.where(self.part < parts, self.part * bands + self.band, parts * bands)
+        grams, count = _products(joints, self.problem, cell, (parts, bands))
+        return replace(self, joints=tuple(joints), cell=cell, grams=grams, count=count)
+
+    def resolved(self) -> Rows:
+        """With products of each part and band."""
+        return self.limited([range(len(joint.bases)) for joint in self.joints], heldout=True)
 
 
 def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int] = ()) -> Rows:
@@ -188,9 +205,10 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     asked = _worth_asking(problem, band)
     asked[list(named)] = True
     joints = _joints(problem, evidences, inputs, asked)
-    bands, parts = int(band.max()) + 1, folds + (unseen is not None)
-    key = part * bands + band
-    count = np.stack([np.bincount(key, weights=row > 0.0, minlength=parts * bands) for row in problem.weight])
+    # Predicted stretches have one noise in all bands; where it is measured, rows held out stand beside those fitted.
+    parts = 1 if problem.noise_is_measured else folds + (unseen is not None)
+    cell, bands = (part, 1) if parts > 1 else (band, int(band.max()) + 1)
+    grams, count = _products(joints, problem, cell, (parts, bands))
     samples = (
         sum(item.samples for item in fitted.evidences),
         0 if unseen is None else sum(item.samples for item in unseen.evidences),
@@ -205,8 +223,9 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
         band=band,
         folds=folds,
         prior=np.full(problem.basis.shape[1], FREE),
-        grams=tuple(products(item.whitened, item.whitened, key, (parts, bands)) for item in joints),
-        count=count.reshape(problem.n, parts, bands).astype(np.float64),
+        cell=cell,
+        grams=grams,
+        count=count,
         misfit=_mean_square(problem, part < folds, samples[0]),
         asked=asked,
         samples=samples,
@@ -308,6 +327,15 @@ def functions_of(
             rows = [each.project(basis.scaled(part)) for each, part in zip(evidences, parts, strict=True)]
             found.append((basis, np.concatenate(rows)))
     return found
+
+
+def _products(
+    joints: Sequence[JointRows], problem: Problem, cell: IntArray, shape: tuple[int, int]
+) -> tuple[tuple[FloatArray, ...], FloatArray]:
+    """`Rows.grams` and `Rows.count` of cells. shape: (parts, bands)."""
+    size = shape[0] * shape[1]
+    count = [np.bincount(cell, weights=row > 0.0, minlength=size)[:size].reshape(shape) for row in problem.weight]
+    return tuple(products(item.whitened, item.whitened, cell, shape) for item in joints), np.stack(count)
 
 
 def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:

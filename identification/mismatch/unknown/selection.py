@@ -92,6 +92,7 @@ class Selection:
     def nominal(cls, rows: Rows, parts: Sequence[int], *, predicted: bool = False) -> Selection:
         """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
         predicted = predicted and not rows.problem.noise_is_measured and len(parts) > 1
+        rows = rows if predicted or rows.by_band else rows.resolved()
 
         def of(chosen: Sequence[int]) -> tuple[JointGram, ...]:
             grams = rows.of(chosen)
@@ -125,7 +126,7 @@ class Selection:
         """A copy whose rows have one group more on a joint, (R, m) whitened, which no state holds yet."""
         rows = self.rows.with_group(joint, basis, columns)
         grams = list(self.worlds[0])
-        grams[joint] = rows.of_joint(joint, range(rows.folds + rows.heldout))
+        grams[joint] = rows.of_joint(joint, rows.parts)
         return replace(self, rows=rows, worlds=(tuple(grams),), states=list(self.states), held=list(self.held))
 
     def with_state(self, joint: int, state: JointState) -> Selection:

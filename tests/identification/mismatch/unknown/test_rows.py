@@ -27,7 +27,7 @@ def rows(iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParamet
         )
         for motion in (3, 9)
     ]
-    return build_rows(roles[0], roles[1])
+    return build_rows(roles[0], roles[1]).resolved()
 
 
 def plain_products(rows: Rows, joint: int) -> np.ndarray:
