@@ -59,12 +59,12 @@ def refuse_staircase(path: Path, position: FloatArray, step_s: float) -> None:
     for joint, values in enumerate(position.T):
         news = np.flatnonzero(_news(values[:, None]))
         steps, leaps = np.diff(news), np.abs(np.diff(values[news]))
-        if not leaps.size or is_coarse(values[news, None]):
+        if steps.max(initial=0) * step_s <= LONGEST_HELD_S:
             continue
         order = np.argsort(steps)
         way = np.cumsum(leaps[order])
         rows = int(steps[order][np.searchsorted(way, 0.5 * way[-1])])
-        if rows > 1 and rows * step_s > LONGEST_HELD_S:
+        if rows > 1 and rows * step_s > LONGEST_HELD_S and not is_coarse(values[news, None]):
             raise RecordingError.named(
                 path,
                 f"joint {joint + 1} leaps once in {rows} rows ({1e3 * rows * step_s:.3g} ms) and stands between, while "
