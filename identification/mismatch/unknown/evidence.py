@@ -212,13 +212,17 @@ def squares_of(rows: JointGram, part: Marginal, shared: Shared, noise: FloatArra
     weights, base, factor = mean(part, shared)
     line = np.concatenate([-weights, -base, [1.0]])
     gram = rows.gram.sum(axis=0)
-    inverse = lapack.dtrtri(factor, lower=1)[0]
+    square, count = float(line @ gram @ line), float(rows.count.sum())
     information = np.tensordot(1.0 / noise, rows.gram[:, size:-1, size:-1], axes=1)
+    # A factor tells that there is no such direction in a tenth of the time that it takes to find them.
+    if lapack.dpotrf(OPEN_BEYOND_NOISE**2 * shared.precision - information, lower=1)[1] == 0:
+        return max(square, 0.0), count
+    inverse = lapack.dtrtri(factor, lower=1)[0]
     values, vectors = np.linalg.eigh(inverse @ information @ inverse.T)
     free = inverse.T @ vectors[:, values > OPEN_BEYOND_NOISE**2]
     within, target = free.T @ gram[size:-1, size:-1] @ free, free.T @ (gram[size:-1] @ line)
     settled = float(target @ np.linalg.lstsq(within, target, rcond=1e-12)[0]) if target.size else 0.0
-    return max(float(line @ gram @ line) - settled, 0.0), float(rows.count.sum()) - free.shape[1]
+    return max(square - settled, 0.0), count - free.shape[1]
 
 
 def settled_variance(joint: JointGram, hyper: Hyper, beside: Shared, cap: float, rounds: int) -> FloatArray:
