@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import shutil
 import sys
 import time
@@ -103,8 +104,8 @@ def _port_of(run: Path | None, port: int | None) -> int:
         own = read_json(run / "request.json", RunRequest).bind_port
         if own not in served_ports() and not port_has_holder(own):
             raise NothingToWatchError(
-                f"Nobody records into {run} any more: its run was broken off. `iiwa-ident recover {run}` makes its "
-                "recording whole."
+                f"Nobody records into {run} any more: its run was broken off. `iiwa-ident recover "
+                f"{shlex.quote(str(run))}` makes its recording whole."
             )
         return own
     served = served_ports()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import threading
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def fit_of(outcome: RunOutcome, job_id: str, folder: Path) -> WorkerJob:
 
 def command_for(job: WorkerJob) -> str:
     """What an operator says for the same fit."""
-    return f"iiwa-ident fit {' '.join(job.recordings)} --out {job.model_file}"
+    return f"iiwa-ident fit {shlex.join(job.recordings)} --out {shlex.quote(job.model_file)}"
 
 
 def launch(job: WorkerJob, job_file: Path) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -111,8 +112,8 @@ def make_room(folder: Path) -> None:
         return
     if state == "broken":
         raise ConfigurationError(
-            f"{folder} holds a run that was broken off; `iiwa-ident recover {folder}` makes its recording whole. "
-            "Choose another folder for the new run.",
+            f"{folder} holds a run that was broken off; `iiwa-ident recover {shlex.quote(str(folder))}` makes its "
+            "recording whole. Choose another folder for the new run.",
             field="out_dir",
         )
     for name in (RECORDING_NAME, RUN_NAME):

@@ -7,6 +7,7 @@ that happens meanwhile costs the account, then with it.
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -82,5 +83,5 @@ def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:
         f"Commands went beyond a limit at the robot, {judgement['excess_count']} times, first at "
         f"{judgement['excesses'][0]['time_s']:.3f} s; {worst['quantity']} of joint {worst['joint']} at "
         f"{float(worst['percent']):.0f} % of its limit, at {worst['time_s']:.3f} s. "
-        f"`iiwa-ident judge {judgement['file']}` lists them.",
+        f"`iiwa-ident judge {shlex.quote(judgement['file'])}` lists them.",
     )

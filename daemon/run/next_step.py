@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
 from daemon.errors import FolderGoneError, LogIOError
 from daemon.run.folder import nothing_moved
@@ -39,7 +41,7 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
         return "Next: `iiwa-ident doctor` with the same address says what is missing; then give the same command again."
     if _never_began(outcome) or (outcome.outcome in ("stopped", "fault") and nothing_moved(outcome)):
         return _AGAIN
-    recording = outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap"
+    recording = shlex.quote(outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap")
     if request is not None and request.monitor_only and outcome.samples:
         return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
     if loop is not None and not loop.standstill_confirmed and outcome.outcome != "refused":
@@ -59,7 +61,7 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     if outcome.exit_code == LogIOError.exit_code and not outcome.handover_gaps:
         return f"Next: give the disk room, then `iiwa-ident fit {recording}`."
     if outcome.exit_code:
-        return f"Next: `iiwa-ident recover {folder}` says what of the recording is missing."
+        return f"Next: `iiwa-ident recover {shlex.quote(folder)}` says what of the recording is missing."
     if request is not None and needs_ladder(request) and request.amplitude < 1.0:
         following = highest_allowed(request.amplitude)
         return f"Next: the same command with --amplitude {following:g}, in another folder."

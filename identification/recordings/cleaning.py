@@ -6,6 +6,7 @@ what is left. Rows are dropped, never repaired: a gap is honest, an invented sam
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,8 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
     elif table.period_s is None and (period_s := unstated_period(time, position, sampling_period_s)) is not None:
         sentence = (
             f"the motion repeats every {period_s:.5g} s, {(time[-1] - time[0]) / period_s:.2g} times, but no period is "
-            f"stated: with `iiwa-ident import {table.path} --period {period_s:.5g}` its noise is measured"
+            f"stated: with `iiwa-ident import {shlex.quote(str(table.path))} --period {period_s:.5g}` its noise is "
+            "measured"
         )
         findings.append(Finding.of_all("unstated_period", rows_read, sentence))
     findings.sort(key=lambda finding: finding.first_row)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import shlex
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -147,7 +148,8 @@ def recording_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     if fnmatch.filter((entry.name for entry in entries_of(path)), RUN_PARTS) and not (path / RUN_BROKEN).is_file():
-        raise RecordingError.at(path, f"its recording is in parts; make it whole with: iiwa-ident recover {path}")
+        command = f"iiwa-ident recover {shlex.quote(str(path))}"
+        raise RecordingError.at(path, f"its recording is in parts; make it whole with: {command}")
     log = path / RUN_RECORDING
     return log if log.is_file() else path
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from daemon.api import LoopReport, PhaseSpan, RunOutcome, WorkerStatus
+from daemon.api import LoopReport, PhaseSpan, RunOutcome, WorkerJob, WorkerStatus
+from daemon.jobs.worker_start import command_for
 from daemon.motion.preparation import prepare_motion
 from daemon.motion.tip_speed import T1_SPEED_M_S
+from daemon.run.judgement import judgement_remarks
 from daemon.run.next_step import next_step
 
 from .producer import make_request
@@ -58,6 +61,23 @@ def test_the_next_step_fits_the_end(
     assert words in sentence
     assert sentence.startswith("Next: ")
     assert "\n" not in sentence
+
+
+def test_a_command_to_copy_finds_a_recording_in_a_folder_with_a_space(tmp_path: Path) -> None:
+    """The truth is a shell's own reading of the words: a path is one of them."""
+    recording = "runs/first arm/recording.mcap"
+    outcome = RunOutcome(
+        run_id="one", sentences=(), out_dir="runs/first arm", outcome="completed", exit_code=0,
+        recordings=(recording,), request=make_request(tmp_path, simulation=True),
+    )  # fmt: skip
+    job = WorkerJob(job_id="one", recordings=(recording,), robot="iiwa14", model_file="first arm.json", status_file="")
+    judgement = {
+        "passed": False, "file": recording, "excess_count": 1, "worst": {},
+        "excesses": [{"time_s": 1.0, "quantity": "velocity", "joint": 1, "percent": 120.0}],
+    }  # fmt: skip
+    said = next_step(outcome, None), f"`{command_for(job)}`", judgement_remarks(judgement)[-1]
+    for sentence in said:
+        assert recording in shlex.split(sentence.split("`")[1]), sentence
 
 
 def test_the_first_rung_of_the_shipped_motion_is_slow_enough_for_t1_and_the_whole_motion_is_not() -> None:
