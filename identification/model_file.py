@@ -22,6 +22,7 @@ from identification.recordings.independence import holds_samples, recording_name
 from identification.recordings.recording import Recording
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 from identification.robots.same_arm import difference_of_frames
+from identification.whole_file import written_whole
 
 MODEL_FORMAT = "iiwa-ident/model/1"
 _SMALLEST_RELATIVE_STD = 1e-9
@@ -180,12 +181,8 @@ def write_model(data: dict[str, Any], path: str | Path) -> Path:
         text = json.dumps(data, indent=1, allow_nan=False)
     except ValueError as error:
         raise ModelFileError.named(path, f"the model holds a number that is not finite ({error})") from error
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_text(text + "\n", encoding="utf-8")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_whole(path) as file:
+        file.write_text(text + "\n", encoding="utf-8")
     return path
 
 

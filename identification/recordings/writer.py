@@ -20,6 +20,7 @@ from mcap.writer import CompressionType, Writer
 from identification.recordings.archive import ATTACHMENT_NAME, pack
 from identification.recordings.bag import JOINT_STATE, METADATA_RECORD
 from identification.recordings.recording import Recording
+from identification.whole_file import written_whole
 
 SCHEMA_VERSION = "1"
 KIND = "import"
@@ -32,13 +33,8 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     Torques keep the inverse-dynamics sign (said in the metadata). Raises OSError when the file cannot be written.
     """
     path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as file:
-            _write(recording, file, path.parent)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_whole(path) as partial, partial.open("wb") as file:
+        _write(recording, file, path.parent)
     return path
 
 
