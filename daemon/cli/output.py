@@ -191,13 +191,16 @@ def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def write_json(destination: Path, result: Any) -> None:
-    """Write `result` as JSON; '-' is stdout."""
+    """Write `result` as JSON; '-' is stdout. Raises LogIOError, which names the file: a full disk names none."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)
     if str(destination) == "-":
         # Numbers and names have to come back as they were: JSON has its own escapes for what a stream cannot show.
         _write(sys.stdout, (text if _holds(sys.stdout, text) else json.dumps(result, indent=1, allow_nan=False)) + "\n")
     else:
-        in_its_folder(destination).write_text(text + "\n", encoding="utf-8")
+        try:
+            in_its_folder(destination).write_text(text + "\n", encoding="utf-8")
+        except OSError as error:
+            raise LogIOError(str(destination), error) from error
 
 
 def _holds(stream: TextIO, text: str) -> bool:

@@ -23,7 +23,7 @@ from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
 from daemon.cli.service import show_jobs
 from daemon.cli.terminal import wrapped
-from daemon.errors import exit_code_of, sentence_of
+from daemon.errors import LogIOError, exit_code_of, sentence_of
 from daemon.queue.control_api import JobView
 from identification.fitting.rms import RmsRow, RmsTable
 
@@ -192,6 +192,14 @@ def test_the_operating_systems_errors_have_no_number() -> None:
     assert sentence_of(missing.value) == "/no/such/folder/model.json: No such file or directory."
     assert sentence_of(OSError(28, "No space left on device")) == "No space left on device."
     assert sentence_of(ValueError("joint 8 of 7")) == "joint 8 of 7"
+
+
+def test_a_full_disk_is_named_with_the_file_that_found_no_room() -> None:
+    """/dev/full is the kernel's own full disk; its error carries no file."""
+    with pytest.raises(LogIOError) as caught:
+        write_json(Path("/dev/full"), {"passed": True})
+    assert sentence_of(caught.value) == "/dev/full: No space left on device."
+    assert exit_code_of(caught.value) == 74
 
 
 @pytest.mark.parametrize("words", ["", "Unable to allocate 3.64 TiB"])
