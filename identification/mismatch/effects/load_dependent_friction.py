@@ -46,9 +46,10 @@ class LoadDependentFriction(OwnJointEffect):
         return (linear("friction_per_load", estimate, "%", scale=100.0), *power)
 
     def sentence(self, estimate: Estimate) -> str:
-        """Friction as a share of load."""
-        share, *_ = self.parameters(estimate)
+        """Friction as a share of the load; where it is not in proportion, at which load, and with what power."""
+        share, *power = self.parameters(estimate)
+        bent = "".join(f" at {REFERENCE_NM:g} Nm, with power {each.value:.2g} of the load" for each in power)
         return (
-            f"{joint_name(estimate)}'s friction changes with the torque it carries, by {size_of(share)} of the load "
-            "(load-dependent friction)."
+            f"{joint_name(estimate)}'s friction changes with the torque it carries, by {size_of(share)} of the load"
+            f"{bent} (load-dependent friction)."
         )

@@ -98,6 +98,16 @@ def test_columns_parameters_and_sentence_fit_together_at_every_place(effect: Eff
             assert f"joint {place.joint}" in sentence.lower()
 
 
+def test_friction_that_is_not_in_proportion_to_the_load_says_at_which_load_it_is_given() -> None:
+    """6 % of loads up to 60 Nm, fitted with a power, was said to be 3 % of "the load"."""
+    effect, one = effect_named("load_dependent_friction"), np.ones((1, 1))
+    straight, bent = (
+        effect.sentence(Estimate(Place(2), {"power": power}, 0.03 * one[0], 1e-8 * one)) for power in (1.0, 1.33)
+    )
+    assert "by 3 ± 0.02 % of the load (" in straight
+    assert "by 3 ± 0.02 % of the load at 10 Nm, with power 1.3 of the load (" in bent
+
+
 @pytest.mark.parametrize("effect", REPEATABLE, ids=lambda effect: effect.name)
 def test_grids_lie_within_the_bounds_of_their_refinement(effect: Effect, motion: Motion) -> None:
     for place in effect.places(motion):
