@@ -21,7 +21,7 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import RobotModel
-from identification.robots.urdf_parser import DRAKE, parsed_urdf
+from identification.robots.urdf_parser import DRAKE, parsed_urdf, refuse_xacro
 
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(q, q̇, q̈), each (n,) → torque (n,) Nm."""
@@ -116,12 +116,13 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
 
 
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
-    model = parsed_urdf(path.read_text("utf-8"))
+    refuse_xacro(root, path)
+    model = parsed_urdf(path.read_text("utf-8"), bodies=True)
     model.gravity.linear = robot.gravity_in_files
     names = list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
-    if massless and len(massless) < robot.n:
+    if massless and (len(massless) < robot.n or model.inertias[massless[0] + 1].mass):
         mass = model.inertias[massless[0] + 1].mass
         raise RobotError.at(
             path,

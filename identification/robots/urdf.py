@@ -17,7 +17,7 @@ from identification.errors import RobotError
 from identification.robots.flange import flange_of_frames
 from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import Kinematics, Mimic, RobotModel, build_pinocchio_model, snap_to_right_angles
-from identification.robots.urdf_parser import parsed_urdf
+from identification.robots.urdf_parser import parsed_urdf, refuse_xacro
 
 
 def robot_from_urdf(
@@ -67,6 +67,7 @@ def _check_xml(text: str, source: str) -> str | None:
         raise RobotError(f"{source} is not well-formed XML: {error}.", file=source) from error
     if root.tag != "robot":
         raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>.", file=source)
+    refuse_xacro(root, source)
     links = {link.get("name") for link in root.findall("link")}
     joints = root.findall("joint")
     if not links:
@@ -123,6 +124,8 @@ def _joint_type_and_axis(
 ) -> tuple[bool, FloatArray]:
     """Whether the joint is revolute, and its axis, read off its (6, 1) motion subspace (linear over angular)."""
     kind = joint.shortname().removeprefix("JointModel")
+    if not np.any(subspace):
+        raise RobotError.at(source, f"the axis of joint '{name}' is 0 0 0, which is no direction.", field=name)
     if joint.nv == 1 and kind.startswith(("R", "P")):
         linear, angular = subspace[:3, 0], subspace[3:, 0]
         revolute = bool(np.any(angular))

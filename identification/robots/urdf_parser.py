@@ -1,4 +1,7 @@
-"""Pinocchio's URDF parser with its complaints in the error, in place of lines of C++ on the terminal."""
+"""Pinocchio's URDF parser with its complaints in the error, in place of lines of C++ on the terminal.
+
+Also what it passes over in silence: macros that nobody expanded, and bodies that it could not read.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,52 @@ import os
 import re
 import sys
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from pathlib import Path
 from typing import BinaryIO
 
 import pinocchio
+
+from identification.errors import RobotError
 
 DRAKE = "http://drake.mit.edu"
 """Name space of the elements that only Drake reads."""
 STANDARD_ERROR = 2
 MOST_COMPLAINTS = 2
 """The first say what is wrong and where; those after them that the whole cannot be read."""
+_NO_BODY = "Could not parse inertial element"
 
 
-def parsed_urdf(text: str) -> pinocchio.Model:
-    """Pinocchio's model of a URDF text. Raises ValueError, whose text is what the parser found wrong."""
+def parsed_urdf(text: str, *, bodies: bool = False) -> pinocchio.Model:
+    """Pinocchio's model of a URDF text. Raises ValueError, whose text is what the parser found wrong.
+
+    bodies: whether its masses and inertias count. The parser goes on without those it cannot read.
+    """
     with tempfile.TemporaryFile() as written:
         try:
             with _standard_error_to(written):
-                return pinocchio.buildModelFromXML(text)
+                model = pinocchio.buildModelFromXML(text)
         except (ValueError, RuntimeError, IndexError) as error:
-            raise ValueError(_complaints(written) or str(error).strip() or "no reason is given") from error
+            found = "; ".join(_complaints(written)[:MOST_COMPLAINTS])
+            raise ValueError(found or str(error).strip() or "no reason is given") from error
+        complaints = _complaints(written)
+    for place, complaint in enumerate(complaints):
+        if bodies and _NO_BODY in complaint:  # the one before says why
+            raise ValueError("; ".join(complaints[max(place - 1, 0) : place + 1]))
+    return model
+
+
+def refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
+    """Raises RobotError for a description with xacro elements: readers pass over them and all that they stand for."""
+    for element in root.iter():
+        space, _, name = str(element.tag).rpartition("}")
+        if space.endswith("xacro"):
+            raise RobotError.at(
+                source,
+                f"it holds xacro that is not expanded (<xacro:{name}>); write the URDF first: "
+                f"xacro {Path(source).name} > expanded.urdf.",
+            )
 
 
 @contextlib.contextmanager
@@ -47,8 +76,7 @@ def _standard_error_to(file: BinaryIO) -> Iterator[None]:
         os.close(kept)
 
 
-def _complaints(written: BinaryIO) -> str:
-    """The first complaints of urdfdom, each a line "Error:   what is wrong" with one on its source below."""
+def _complaints(written: BinaryIO) -> list[str]:
+    """The complaints of urdfdom, each a line "Error:   what is wrong" with one on its source below."""
     written.seek(0)
-    found = re.findall(r"^Error:\s+(.+?)\s*$", written.read().decode("utf-8", "replace"), re.MULTILINE)
-    return "; ".join(found[:MOST_COMPLAINTS])
+    return re.findall(r"^Error:\s+(.+?)\s*$", written.read().decode("utf-8", "replace"), re.MULTILINE)

@@ -24,6 +24,8 @@ URDF = """<robot name="two">
   <joint name="weld" type="fixed"><parent link="b"/><child link="tool"/></joint>
 </robot>"""
 
+XACRO = "http://www.ros.org/wiki/xacro"
+
 
 def wrist_position(robot: RobotModel, q: np.ndarray) -> np.ndarray:
     data = robot.pinocchio_model.createData()
@@ -132,6 +134,9 @@ def test_missing_file_has_exit_code_66(tmp_path: Path) -> None:
         ("<robot name='r'><link name='base'/></robot>", "no movable joint"),
         (URDF.replace('type="continuous"', 'type="floating"'), "'turn' is floating"),
         (URDF.replace('type="continuous"', 'type="planar"'), "'turn' is planar"),
+        (URDF.replace('xyz="1 2 2"', 'xyz="0 0 0"'), "axis of joint 'turn' is 0 0 0"),
+        (f"<robot name='r' xmlns:xacro='{XACRO}'><xacro:arm/></robot>", "not expanded .<xacro:arm>"),
+        (URDF.replace("</robot>", f"<xacro:if xmlns:xacro='{XACRO}'/></robot>"), "not expanded .<xacro:if>"),
         (URDF.replace('<link name="b"/>', ""), "link 'b', which is not described"),
         (URDF.replace('type="prismatic"', 'type="fixed"').replace('type="continuous"', 'type="fixed"'), "no movable"),
     ],

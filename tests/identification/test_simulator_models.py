@@ -1,0 +1,73 @@
+"""Files of others as models: what a reader passes over in silence is said, and no order of links matters.
+
+Truth: torque of two links by hand, and the rules of the formats (each error is one that the file states).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.errors import RobotError
+from identification.robots import load_robot
+from identification.robots.simulator_models import read_simulator_model
+
+INERTIAL = (
+    '<inertial><origin xyz="0.5 0 0"/><mass value="2"/>'
+    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+URDF = f"""<robot name="two">
+  <link name="base"/><link name="a">{INERTIAL}</link><link name="b">{INERTIAL}</link><link name="tool">{INERTIAL}</link>
+  <joint name="q1" type="continuous"><axis xyz="0 1 0"/><parent link="base"/><child link="a"/></joint>
+  <joint name="q2" type="continuous"><origin xyz="1 0 0"/><axis xyz="0 1 0"/>
+    <parent link="a"/><child link="b"/></joint>
+  <joint name="weld" type="fixed"><origin xyz="1 0 0"/><parent link="b"/><child link="tool"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    return file
+
+
+def weight(file: Path, arm: Path) -> np.ndarray:
+    """(2,) Nm at zero, of a file as the model of `arm`."""
+    regressor = BaseRegressor(load_robot(arm))
+    still = np.zeros((1, 2))
+    return (regressor.matrix(still, still, still).reshape(2, -1) @ read_simulator_model(file, regressor)).copy()
+
+
+def test_weight_of_links_and_tool_is_that_by_hand(arm: Path) -> None:
+    """Both axes are +y, all links along +x: lifting is turning back, by 2 kg at 0.5, 1.5 and 2.5 m."""
+    assert np.allclose(weight(arm, arm), [-2.0 * 9.81 * (0.5 + 1.5 + 2.5), -2.0 * 9.81 * (0.5 + 1.5)], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('<mass value="2"/>', '<mass value="${mass}"/>', r"mass .*not a float.*Link .tool."),
+        ('<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>', "", "must have inertia element.*tool"),
+        ("</robot>", '<xacro:hand xmlns:xacro="http://wiki.ros.org/xacro"/></robot>', "not expanded .<xacro:hand>"),
+    ],
+)
+def test_a_body_that_urdf_readers_pass_over_is_no_model(old: str, new: str, said: str, arm: Path) -> None:
+    """The tool is welded on: without its body the joint still has a mass, and a torque that is too small."""
+    file = arm.with_name("other.urdf")
+    before, found, after = URDF.rpartition(old)
+    assert found
+    file.write_text(before + new + after)
+    with pytest.raises(RobotError, match=said) as caught:
+        weight(file, arm)
+    assert "other.urdf" in str(caught.value)
+
+
+def test_masses_below_zero_on_all_links_are_no_model(arm: Path) -> None:
+    file = arm.with_name("other.urdf")
+    file.write_text(URDF.replace('value="2"', 'value="-2"'))
+    with pytest.raises(RobotError, match="'q1' moves has a mass of -2 kg"):
+        weight(file, arm)
