@@ -242,8 +242,13 @@ def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any], 
     from pydrake.multibody.plant import MultibodyPlant
 
     plant = MultibodyPlant(0.0)
-    (instance,) = Parser(plant).AddModels(path)
-    base = plant.get_body(plant.GetBodyIndices(instance)[0])
+    instances = Parser(plant).AddModels(path)
+    if len(instances) != 1:
+        raise RobotError.at(path, f"it holds {len(instances)} models; give a file with the arm alone.")
+    instance = instances[0]
+    carried = {plant.get_joint(index).child_body().index() for index in plant.GetJointIndices(instance)}
+    bodies = [index for index in plant.GetBodyIndices(instance) if index not in carried]
+    base = plant.get_body(bodies[0] if bodies else plant.GetBodyIndices(instance)[0])
     if not any(joint.get("type") == "fixed" and joint.findtext("parent") == "world" for joint in root.iter("joint")):
         plant.WeldFrames(plant.world_frame(), base.body_frame())
     plant.Finalize()

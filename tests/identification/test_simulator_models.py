@@ -71,3 +71,33 @@ def test_masses_below_zero_on_all_links_are_no_model(arm: Path) -> None:
     file.write_text(URDF.replace('value="2"', 'value="-2"'))
     with pytest.raises(RobotError, match="'q1' moves has a mass of -2 kg"):
         weight(file, arm)
+
+
+SDF_LINK = (
+    "<link name='{0}'><pose>{1} 0 0 0 0 0</pose><inertial><pose>0.5 0 0 0 0 0</pose><mass>2</mass><inertia>"
+    "<ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"
+)
+SDF_JOINT = (
+    "<joint name='{0}' type='revolute'><parent>{1}</parent><child>{2}</child><axis><xyz>0 1 0</xyz></axis></joint>"
+)
+LINKS = [SDF_LINK.format("base", 0), SDF_LINK.format("a", 0), SDF_LINK.format("b", 1)]
+JOINTS = [SDF_JOINT.format("q1", "base", "a"), SDF_JOINT.format("q2", "a", "b")]
+
+
+def test_the_base_of_an_sdf_is_the_link_that_hangs_on_none_wherever_it_stands(arm: Path) -> None:
+    pytest.importorskip("pydrake")
+    for links in (LINKS, LINKS[::-1]):
+        file = arm.with_name("other.sdf")
+        file.write_text(f"<sdf version='1.7'><model name='two'>{''.join(links + JOINTS)}</model></sdf>")
+        assert np.allclose(weight(file, arm), [-2.0 * 9.81 * (0.5 + 1.5), -2.0 * 9.81 * 0.5], rtol=1e-9)
+
+
+def test_an_sdf_of_several_models_says_so(arm: Path) -> None:
+    pytest.importorskip("pydrake")
+    table = "<model name='table'><static>true</static><link name='top'/></model>"
+    file = arm.with_name("cell.sdf")
+    file.write_text(
+        f"<sdf version='1.7'><world name='w'><model name='two'>{''.join(LINKS + JOINTS)}</model>{table}</world></sdf>"
+    )
+    with pytest.raises(RobotError, match="holds 2 models"):
+        weight(file, arm)
