@@ -15,7 +15,9 @@ from identification.arrays import FloatArray
 
 IIWA_FLANGE_M = 0.126
 """From the wrist to the flange without media flange, both arms (KUKA brochure LBR iiwa)."""
-_NAMES = tuple(re.compile(rf"(?:.*[_/-])?{name}") for name in ("flange", "tool0", "link_ee"))
+_NAMES = tuple(re.compile(rf"(?:.*[_/-])?{name}") for name in ("tool0", "flange", "link_ee"))
+"""tool0 first: it is the controller's tool frame without a tool, which load data are given in. A `flange` beside it is
+where models of tools are fixed, with x outwards."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,7 @@ IIWA_FLANGE = Flange(6, np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 0.0, IIWA_FLA
 
 
 def flange_of_frames(model: pinocchio.Model) -> Flange | None:
-    """The flange among a description's frames: `flange`, else `tool0`, else `link_ee`, with any prefix; else None."""
+    """The flange among a description's frames: `tool0`, else `flange`, else `link_ee`, with any prefix; else None."""
     for name in _NAMES:
         for frame in model.frames:
             if name.fullmatch(frame.name) and frame.parentJoint > 0 and frame.type == pinocchio.FrameType.BODY:

@@ -190,3 +190,18 @@ def test_binary_file_is_refused(tmp_path: Path) -> None:
     file.write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(RobotError, match="cannot be read"):
         load_robot(file)
+
+
+def test_loads_are_given_in_the_controllers_tool_frame_also_where_a_flange_stands_before_it() -> None:
+    """Truth: the frames of ROS-Industrial's arms: `flange` has x outwards, `tool0` the controller's axes, z outwards.
+
+    So a point 0.1 m before the tool plate of an arm whose last axis is z stands at z = 0.1 m of load data.
+    """
+    frames = """<link name="flange"/><link name="tool0"/>
+      <joint name="b-flange" type="fixed"><parent link="tool"/><child link="flange"/>
+        <origin xyz="0 0 0.05" rpy="0 -1.5707963267948966 -1.5707963267948966"/></joint>
+      <joint name="flange-tool0" type="fixed"><parent link="flange"/><child link="tool0"/>
+        <origin rpy="1.5707963267948966 0 1.5707963267948966"/></joint></robot>"""
+    robot = robot_from_urdf(URDF.replace("</robot>", frames), source="arm.urdf")
+    assert robot.flange is not None
+    assert np.allclose(robot.flange.point(np.array([0.02, 0.03, 0.15])), [0.02, 0.03, 0.1], atol=1e-12)
