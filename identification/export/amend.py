@@ -17,7 +17,7 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.audit.difference import Difference
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import ExportCheckError, ModelFileError
+from identification.errors import ExportCheckError, ModelFileError, RobotError
 from identification.export.amended_files import (
     Changes,
     moment_matrix,
@@ -204,7 +204,12 @@ def _turn(found: FloatArray, stated: FloatArray) -> FloatArray:
 
 def _check(before: FloatArray, target: Path, wanted: _Wanted, regressor: BaseRegressor) -> None:
     """Refuse a file that does not weigh or rub as it was meant to; say where an inertia is no body's."""
-    robot, after = regressor.robot, read_simulator_model(target, regressor)
+    robot = regressor.robot
+    try:
+        after = read_simulator_model(target, regressor)
+    except RobotError:
+        target.unlink(missing_ok=True)
+        raise
     symbols = (*INERTIAL_SYMBOLS, *regressor.options.symbols)
     added = np.zeros((robot.n, len(symbols)))
     for link, body in wanted.bodies.items():

@@ -7,6 +7,7 @@ about the link's origin. Not here: what is changed (`amend`).
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -71,6 +72,14 @@ def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> Elemen
     return found
 
 
+def _from(target: Path, source: Path, name: str) -> str:
+    """A file's or folder's name that counts from the folder of `source`, counted from that of `target`."""
+    folders = source.resolve().parent, target.resolve().parent
+    if not name or "://" in name or os.path.isabs(name) or folders[0] == folders[1]:
+        return name
+    return os.path.relpath(folders[0] / name, folders[1])
+
+
 def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
     """A URDF with the changes. A turned base hangs on a link `world`, as simulators expect it."""
     tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
@@ -101,6 +110,8 @@ def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
             dynamics.set(key, number(max(0.0, float(dynamics.get(key, 0.0)) + more)))
     if changes.turn is not None:
         _turn_urdf(root, changes.turn)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", _from(target, source, mesh.get("filename", "")))
     tree.write(target, encoding="utf-8", xml_declaration=True)
 
 
@@ -164,6 +175,8 @@ def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
         element = ElementTree.Element("pose")
         element.text = numbers([*pose.translation, *roll_pitch_yaw(pose.rotation)])
         model.insert(0, element)
+    for uri in root.iterfind(".//mesh/uri"):
+        uri.text = _from(target, source, (uri.text or "").strip())
     tree.write(target, encoding="utf-8", xml_declaration=True)
 
 
@@ -199,4 +212,7 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
     if changes.turn is not None:
         spec.option.gravity = changes.turn.T @ np.array(spec.option.gravity)
     spec.compile()
+    for kind in ("meshdir", "texturedir"):
+        setattr(spec.compiler, kind, _from(target, source, getattr(spec.compiler, kind) or "."))
+    spec.modelfiledir = str(target.resolve().parent)
     target.write_text(spec.to_xml(), encoding="utf-8")

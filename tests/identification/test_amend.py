@@ -23,7 +23,7 @@ from identification.audit.sentences import turned_signs
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
 from identification.export.amend import amend
-from identification.export.amended_files import Changes, write_sdf_changes
+from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes, write_urdf_changes
 from identification.export.write import export_model
 from identification.export.write_back import write_back
 from identification.physical_parameters import PhysicalParameters
@@ -273,3 +273,32 @@ def test_an_offset_is_no_friction(physical: PhysicalParameters) -> None:
     found = lacking_friction(geometry, lacks, physical.viscous, physical.coulomb, "arm.urdf")
     assert [item.joint for item in found] == [1, 2, 3, 4, 5, 6, 7]
     assert [item.numbers[1].value for item in found] == pytest.approx([0.5] * 7, abs=0.1)
+
+
+CUBE = (
+    "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 1)) + "f 1 2 4\nf 1 2 5\nf 3 4 7\nf 5 6 8\n"
+)
+MESHES = {
+    "xml": "<mujoco><asset><mesh name='cube' file='parts/cube.obj'/></asset><worldbody><body><joint name='q'/>"
+    "<inertial mass='1' pos='0 0 0' diaginertia='1 1 1'/><geom type='mesh' mesh='cube'/></body></worldbody></mujoco>",
+    "urdf": "<robot name='r'><link name='a'><visual><geometry><mesh filename='parts/cube.obj'/></geometry></visual>"
+    "</link></robot>",
+    "sdf": "<sdf><model name='m'><link name='a'><visual><geometry><mesh><uri>parts/cube.obj</uri></mesh></geometry>"
+    "</visual></link></model></sdf>",
+}
+
+
+@pytest.mark.parametrize("form", MESHES)
+def test_meshes_are_found_from_another_folder(form: str, tmp_path: Path) -> None:
+    """Truth: a relative name of a mesh counts from the folder of the file that it stands in, in all three formats."""
+    (tmp_path / "given" / "parts").mkdir(parents=True)
+    (tmp_path / "written").mkdir()
+    (tmp_path / "given" / "parts" / "cube.obj").write_text(CUBE)
+    source, target = tmp_path / "given" / f"arm.{form}", tmp_path / "written" / f"arm.{form}"
+    source.write_text(MESHES[form])
+    write = {"xml": write_mjcf_changes, "urdf": write_urdf_changes, "sdf": write_sdf_changes}[form]
+    write(source, target, Changes({}, {}, {}, {}, None))
+    if form == "xml":
+        assert mujoco.MjModel.from_xml_path(str(target)).nmesh == 1
+    else:
+        assert "../given/parts/cube.obj" in target.read_text()
