@@ -73,9 +73,9 @@ def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> Elemen
 
 
 def _from(target: Path, source: Path, name: str) -> str:
-    """A file's or folder's name that counts from the folder of `source`, counted from that of `target`."""
+    """A file's or folder's name that counts from the folder of `source` ("": that folder), from that of `target`."""
     folders = source.resolve().parent, target.resolve().parent
-    if not name or "://" in name or os.path.isabs(name) or folders[0] == folders[1]:
+    if "://" in name or os.path.isabs(name) or folders[0] == folders[1]:
         return name
     return os.path.relpath(folders[0] / name, folders[1])
 
@@ -212,7 +212,8 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
     if changes.turn is not None:
         spec.option.gravity = changes.turn.T @ np.array(spec.option.gravity)
     spec.compile()
-    for kind in ("meshdir", "texturedir"):
-        setattr(spec.compiler, kind, _from(target, source, getattr(spec.compiler, kind) or "."))
+    for kind, files in (("meshdir", [*spec.meshes, *spec.hfields]), ("texturedir", spec.textures)):
+        if files:
+            setattr(spec.compiler, kind, _from(target, source, getattr(spec.compiler, kind)))
     spec.modelfiledir = str(target.resolve().parent)
     target.write_text(spec.to_xml(), encoding="utf-8")

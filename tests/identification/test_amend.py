@@ -6,6 +6,7 @@ built without any file. Read back: the URDF by Pinocchio, the MJCF by MuJoCo, th
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
@@ -302,3 +303,15 @@ def test_meshes_are_found_from_another_folder(form: str, tmp_path: Path) -> None
         assert mujoco.MjModel.from_xml_path(str(target)).nmesh == 1
     else:
         assert "../given/parts/cube.obj" in target.read_text()
+
+
+@pytest.mark.parametrize("place", ["given", "written"])
+def test_an_mjcf_says_where_its_meshes_are_only_where_that_is_another_folder(place: str, tmp_path: Path) -> None:
+    """Only what was found changes: beside its source a file got `meshdir="."`, without meshes a folder of meshes."""
+    for name in ("given", "written"):
+        (tmp_path / name).mkdir()
+    source, target = tmp_path / "given" / "arm.xml", tmp_path / place / "fixed.xml"
+    source.write_text(re.sub("<asset>.*</asset>|<geom type='mesh'[^>]*>", "", MESHES["xml"]))
+    write_mjcf_changes(source, target, Changes({}, {}, {}, {}, None))
+    assert "meshdir" not in target.read_text()
+    assert "texturedir" not in target.read_text()
