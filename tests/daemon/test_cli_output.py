@@ -194,11 +194,13 @@ def test_the_operating_systems_errors_have_no_number() -> None:
     assert sentence_of(ValueError("joint 8 of 7")) == "joint 8 of 7"
 
 
-def test_a_full_disk_is_named_with_the_file_that_found_no_room() -> None:
-    """/dev/full is the kernel's own full disk; its error carries no file."""
+def test_a_full_disk_is_named_with_the_file_that_found_no_room(tmp_path: Path) -> None:
+    """/dev/full is the kernel's own full disk; its error carries no file. By a link, so that nothing can replace it."""
+    full = tmp_path / "found.json"
+    full.symlink_to("/dev/full")
     with pytest.raises(LogIOError) as caught:
-        write_json(Path("/dev/full"), {"passed": True})
-    assert sentence_of(caught.value) == "/dev/full: No space left on device."
+        write_json(full, {"passed": True})
+    assert sentence_of(caught.value) == f"{full}: No space left on device."
     assert exit_code_of(caught.value) == 74
 
 

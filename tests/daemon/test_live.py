@@ -170,7 +170,9 @@ def test_a_watcher_that_never_reads_holds_up_nothing(private: Path, tmp_path: Pa
     job = make_job(tmp_path / "run", bind_port=PORT)
     with LiveBroadcast(job.request, ring, context) as live:
         deaf.connect(f"ipc://{private}/watch-{PORT}")
-        time.sleep(0.05)
+        while not deaf.poll(10):  # until its subscription has arrived: a frame waits for it from here on, unread
+            live._next_quiet = 0.0
+            live.tick()
         Producer(ring).push(4000)
         ring.finish()
         said: list[Any] = []
