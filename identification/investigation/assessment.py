@@ -54,7 +54,7 @@ def assess(
     named = {joint - 1 for _, joint in asked if joint is not None}
     unknown = build_rows(Prepared(rows, (), tuple(item.torque for item in rows)), None, named)
     plain = Selection.of(unknown, range(unknown.folds))
-    unknown = plain.rows
+    unknown = plain.rows  # with products of each band
     nothing = _with_classes(plain)
     beside = any(state.groups for state in nothing.states)
     weightings = [Weighting.of(plain), *([Weighting.of(nothing)] if beside else [])]

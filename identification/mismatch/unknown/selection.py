@@ -90,7 +90,10 @@ class Selection:
 
     @classmethod
     def nominal(cls, rows: Rows, parts: Sequence[int], *, predicted: bool = False) -> Selection:
-        """No class on any joint, noise as the rows have it: the least squares of the nominal model."""
+        """No class on any joint, noise as the rows have it: the least squares of the nominal model.
+
+        Its rows are these, with products of each part and band where they are weighed by band and lack them.
+        """
         predicted = predicted and not rows.problem.noise_is_measured and len(parts) > 1
         rows = rows if predicted or rows.by_band else rows.resolved()
 
