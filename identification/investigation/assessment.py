@@ -18,7 +18,7 @@ from identification.investigation.columns import Form, form_rows, stacked
 from identification.investigation.discrepancy import Discrepancies, variances_of
 from identification.investigation.free_functions import nearest
 from identification.investigation.hypotheses import NOTHING, Assessment, Hypothesis
-from identification.investigation.screening import Screened, Weighting, screen, wrong_way
+from identification.investigation.screening import Screened, Weighting, screen
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence, rows_of_each
 from identification.mismatch.prepared import Prepared
@@ -172,7 +172,7 @@ def _weighed(
     now = whole.posterior(0, whole.states[0])
     own = np.arange(unknown.prior.size, among.prior.size)
     coefficients = now.base[own]
-    if wrong_way(item.effect, coefficients):
+    if item.effect.is_impossible(coefficients):
         return None
     place = now.covariance.shape[0] - now.base.size + own
     absent = among.prior.copy()

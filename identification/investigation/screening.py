@@ -114,15 +114,10 @@ def screen(
             joints, columns = stacked(rows, form)
             for number, weighting in enumerate(weightings):
                 gain, coefficients = weighting.gain(joints, columns)
-                scored[number].append((0.0 if wrong_way(effect, coefficients) else gain, coefficients))
+                scored[number].append((0.0 if effect.is_impossible(coefficients) else gain, coefficients))
         for number, values in enumerate(scored):
             gains = np.array([gain for gain, _ in values])
             best = int(gains.argmax())
             spread = float(np.log(np.mean(np.exp(gains - gains[best]))))
             found[number].append(Screened(effect, place, forms, forms[best], *values[best], spread))
     return found, len(everything)
-
-
-def wrong_way(effect: Effect, coefficients: FloatArray) -> bool:
-    """Whether an effect that can only add torque one way has the other sign."""
-    return bool(effect.one_sided and coefficients[0] < 0.0)

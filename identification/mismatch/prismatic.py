@@ -14,7 +14,7 @@ from identification.robots.joint_units import for_prismatic, in_units
 
 ANGLES = ("phase",)
 """Parameters in rad whatever moves: of a wave, not of a joint."""
-OF_THE_BASE = ("base_tilt",)
+OF_THE_BASE = ("base_tilt", "base_elasticity")
 
 
 def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from identification.mismatch.effects.asymmetric_viscous_friction import AsymmetricViscousFriction
 from identification.mismatch.effects.backlash import Backlash
 from identification.mismatch.effects.base import Effect, Estimate, Place
+from identification.mismatch.effects.base_elasticity import BaseElasticity
 from identification.mismatch.effects.base_tilt import BaseTilt
 from identification.mismatch.effects.bending_crosstalk import BendingCrosstalk
 from identification.mismatch.effects.cable_spring import CableSpring
@@ -49,6 +50,7 @@ EFFECTS: tuple[Effect, ...] = (
     BendingCrosstalk(),
     DistalRotorReaction(),
     JointElasticity(),
+    BaseElasticity(),
     JointZeroOffset(),
     RotorInertia(),
     Payload(),

@@ -27,10 +27,14 @@ _INERTIAL_COUNT = 10
 
 
 class RigidTorque(NamedTuple):
-    """torque: (S, n) Nm. moment: (S, n, 3) Nm, what link i's parent exerts on it about joint i, in link i's frame."""
+    """torque: (S, n) Nm. moment: (S, n, 3) Nm, what link i's parent exerts on it about joint i, in link i's frame.
+
+    base_moment: (3, S) Nm, what the ground exerts on the base about its origin, in the frame of the base.
+    """
 
     torque: FloatArray
     moment: FloatArray
+    base_moment: FloatArray
 
 
 class TorqueDerivatives(NamedTuple):
@@ -196,13 +200,18 @@ class _Chain:
         gravity: FloatArray,
         first: int = 0,
         reference: list[_Link] | None = None,
+        base_turns: tuple[FloatArray, FloatArray] | None = None,
     ) -> list[_Link]:
-        """State of every link. velocity, acceleration: (S, n). Links before `first` are taken from `reference`."""
+        """State of every link. velocity, acceleration: (S, n). Links before `first` are taken from `reference`.
+
+        gravity: (3,) or (3, S) in the frame of the base. base_turns: its angular velocity and acceleration (3, S).
+        """
         kinematics = self.kinematics
+        base = _base(gravity, velocity.shape[0], base_turns)
         links = [] if reference is None else reference[:first]
         for joint in range(len(links), kinematics.n):
             parent = int(kinematics.parent[joint])
-            omega, alpha, linear = links[parent][:3] if parent >= 0 else _base(gravity, velocity.shape[0])
+            omega, alpha, linear = links[parent][:3] if parent >= 0 else base
             arm, axis = self.arm[joint], kinematics.axis[joint]
             linear = linear + _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
             omega, alpha, linear = (_into(self.rotation[joint], vector) for vector in (omega, alpha, linear))
@@ -225,18 +234,20 @@ class _Chain:
         kinematics, samples = self.kinematics, links[0].force.shape[1]
         torque, moment = np.empty((samples, kinematics.n)), np.empty((samples, kinematics.n, 3))
         forces, moments = [link.force for link in links], [link.moment for link in links]
+        base_moment = np.zeros((3, samples))
         for joint in reversed(range(kinematics.n)):
             carried = moments[joint] if kinematics.revolute[joint] else forces[joint]
             torque[:, joint] = kinematics.axis[joint] @ carried
             moment[:, joint] = moments[joint].T
             parent = int(kinematics.parent[joint])
+            force = _out_of(self.rotation[joint], forces[joint])
+            turned = _out_of(self.rotation[joint], moments[joint]) + _cross(self.arm[joint], force)
             if parent >= 0:
-                force = _out_of(self.rotation[joint], forces[joint])
                 forces[parent] = forces[parent] + force
-                moments[parent] = (
-                    moments[parent] + _out_of(self.rotation[joint], moments[joint]) + _cross(self.arm[joint], force)
-                )
-        return RigidTorque(torque, moment)
+                moments[parent] = moments[parent] + turned
+            else:
+                base_moment += turned
+        return RigidTorque(torque, moment, base_moment)
 
     def axes_in_base(self, velocity: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
         """Joint axes and angular velocities of the links in the base frame, (3, S) each."""
@@ -256,10 +267,12 @@ class _Chain:
         return axes, spins
 
 
-def _base(gravity: FloatArray, samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A base at rest; accelerating upwards stands for gravity."""
-    still = np.zeros((3, samples))
-    return still, still, np.broadcast_to(-gravity[:, None], (3, samples))
+def _base(
+    gravity: FloatArray, samples: int, turns: tuple[FloatArray, FloatArray] | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A base whose origin rests; accelerating upwards stands for gravity."""
+    omega, alpha = turns or (np.zeros((3, samples)),) * 2
+    return omega, alpha, np.broadcast_to(-gravity.reshape(3, -1), (3, samples))
 
 
 def _rotation(kinematics: Kinematics, joint: int, angle: FloatArray) -> FloatArray:

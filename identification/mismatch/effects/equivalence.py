@@ -57,6 +57,8 @@ _EXPERIMENTS: Mapping[frozenset[str], str] = MappingProxyType(
             "shows at the fast end, Stribeck friction at the slow one.",
             ("asymmetric_viscous_friction", "torque_offset"): "Drive constant speeds, slow and fast, in both "
             "directions: an offset does not grow with speed.",
+            ("base_elasticity", "joint_elasticity"): "Set a dial gauge on the base and stretch the arm "
+            "out: only a base that yields moves it.",
             ("base_tilt", "joint_crosstalk"): "Level the base with an inclinometer and repeat; crosstalk stays.",
             ("distal_rotor_reaction", "torque_sensor_gain"): "Hold a known mass at rest: only a gain shows there.",
             ("backlash", "joint_elasticity"): "Rock the joint about the pose where its torque is zero: play shows "

@@ -28,14 +28,14 @@ class JointElasticity(Effect):
     the bearings of a link do; then it winds the spring too, and turns round with the link. Harmonic gears harden:
     τ = K φ + k₃ φ³, K their stiffness without load, k₃ = K³/τ_h². Base parameters take up most of what a linear spring
     does, but not of what a hardening one leaves beside it.
-    Usual: K 5000 to 20000 Nm/rad. Looks like: cable_spring, joint_zero_offset, backlash, payload. Source: Spong, J.
-    Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998.
+    Usual: K 5000 to 20000 Nm/rad. Looks like: cable_spring, joint_zero_offset, backlash, payload, base_elasticity.
+    Source: Spong, J. Dyn. Syst. Meas. Control 109, 1987; Taghirad, Bélanger, J. Dyn. Syst. Meas. Control 120, 1998.
     """
 
     name = "joint_elasticity"
     code = "elastic"
     units = ("rad/Nm",)
-    one_sided = True
+    one_sided = 1
     separating_experiment = "Repeat with a payload: wind-up moves gravity in proportion to the square of the load."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

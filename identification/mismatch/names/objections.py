@@ -133,7 +133,7 @@ def untenable(exam: Examination, trial: Trial) -> list[Objection]:
             key=lambda pair: pair[0],
         )
         why = ""
-        if member.effect.one_sided and surest.coefficients[0] < 0.0:
+        if member.effect.is_impossible(surest.coefficients):
             why = "would need a size below zero, which no machine has"
         elif certainty < CERTAIN:
             why = "has a size that may as well be zero"

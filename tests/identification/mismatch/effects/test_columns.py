@@ -257,6 +257,34 @@ def test_a_leaning_base_is_seen_as_turned_gravity(motion: Motion, links: Physica
     np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
 
 
+@pytest.mark.parametrize("compliance", [(2e-7, 0.0), (0.0, 2e-7), (3e-7, 1e-7)])
+def test_a_base_that_yields_is_an_arm_on_two_hinges_with_springs(
+    motion: Motion, links: PhysicalParameters, compliance: tuple[float, float]
+) -> None:
+    arm, samples = pinocchio_model(motion.robot, links), motion.samples
+    stand = pinocchio.Model()
+    hinges = (pinocchio.JointModelRX(), pinocchio.JointModelRY())
+    parent = 0
+    for name, hinge in zip(("x", "y"), hinges, strict=True):
+        parent = stand.addJoint(parent, hinge, pinocchio.SE3.Identity(), name)
+    for joint in range(1, arm.njoints):
+        parent = stand.addJoint(parent, arm.joints[joint], arm.jointPlacements[joint], arm.names[joint])
+        stand.appendBodyToJoint(parent, arm.inertias[joint], pinocchio.SE3.Identity())
+    stand.gravity = arm.gravity
+    rotation = 2.0j * np.pi * np.fft.rfftfreq(samples, motion.sampling_period_s)[:, None]
+    arm_states = motion.position, motion.velocity, motion.acceleration
+    lean = np.zeros((samples, 2))
+    for _ in range(3):  # the springs carry the moment of the arm as it leans
+        lines = np.fft.rfft(lean, axis=0)
+        turned = [np.fft.irfft(lines * rotation**order, n=samples, axis=0) for order in range(3)]
+        states = [np.hstack([base, own]) for base, own in zip(turned, arm_states, strict=True)]
+        both = pinocchio_torque(stand, *states)
+        lean = -np.array(compliance) * both[:, :2]
+    truth = both[:, 2:] - pinocchio_torque(arm, *arm_states)
+    ours = torque(motion, "base_elasticity", Place()) @ np.array(compliance)
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=2e-4 * np.abs(truth).max())
+
+
 def test_a_payload_is_what_pinocchio_adds_for_a_body_on_the_last_link(
     motion: Motion, links: PhysicalParameters
 ) -> None:

@@ -36,6 +36,7 @@ NAMES = (
     "cable_spring",
     "joint_zero_offset",
     "base_tilt",
+    "base_elasticity",
     "distal_rotor_reaction",
     "rotor_inertia",
     "payload",
@@ -174,6 +175,17 @@ def test_a_stiffness_has_the_relative_deviation_of_its_compliance() -> None:
     stiffness, compliance = effect_named("joint_elasticity").parameters(estimate)
     assert stiffness.value == pytest.approx(1e4)
     assert stiffness.std / stiffness.value == pytest.approx(compliance.std / compliance.value)
+
+
+def test_a_base_that_yields_about_one_axis_says_so_and_none_is_driven_by_its_own_lean() -> None:
+    effect, covariance = effect_named("base_elasticity"), np.diag([1e-12, 1e-12])
+    about_y = Estimate(Place(), {}, np.array([-5e-7, 2e-5]), covariance)
+    stiffness, about_x, _ = effect.parameters(about_y)
+    assert (stiffness.value, stiffness.std) == (pytest.approx(5e4), pytest.approx(2.5e3))
+    assert about_x.value == -5e-7
+    assert "stiffness 50000 ± 5000 Nm/rad about its y axis, not measurably about its x axis" in effect.sentence(about_y)
+    assert not effect.is_impossible(about_y.coefficients)
+    assert effect.is_impossible(-about_y.coefficients)
 
 
 def test_sizes_are_written_with_their_interval_where_it_is_known() -> None:
