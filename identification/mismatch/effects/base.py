@@ -107,10 +107,10 @@ class Effect(ABC):
     Its docstring gives the equation, the usual size of its leading parameter on an iiwa, the effects it is easily taken
     for, and the publication. Class attributes: name (contract §7), code (short name in the design notes), stage, units
     of the m coefficients, separating_experiment (what to record to tell it from what looks like it).
-    revolute_only: whether the law needs an angle. one_sided: how many coefficients, from the first, are positive on
-    every real machine; what would need a negative one is then something else, and the effect no candidate.
-    everywhere: whether it may be on every joint at once, as one hypothesis (`Place()`). sees_torque: whether its
-    columns depend on the motion's torque or on its dynamic parameters.
+    revolute_only: whether the law needs an angle. one_sided: whether the first coefficient is positive on every real
+    machine; what would need a negative one is then something else, and the effect no candidate. everywhere: whether it
+    may be on every joint at once, as one hypothesis (`Place()`). sees_torque: whether its columns depend on the
+    motion's torque or on its dynamic parameters.
     """
 
     name: ClassVar[str]
@@ -118,7 +118,7 @@ class Effect(ABC):
     stage: ClassVar[Stage] = "repeatable"
     units: ClassVar[tuple[str, ...]]
     separating_experiment: ClassVar[str]
-    one_sided: ClassVar[int] = 0
+    one_sided: ClassVar[bool] = False
     everywhere: ClassVar[bool] = False
     sees_torque: ClassVar[bool] = True
     revolute_only: ClassVar[bool] = False
@@ -137,9 +137,8 @@ class Effect(ABC):
         """Torque columns; None when the motion does not let the effect act there (then it is not identifiable)."""
 
     def is_impossible(self, coefficients: FloatArray) -> bool:
-        """Whether, of the coefficients that are positive on every real machine, the largest in size is negative."""
-        positive = coefficients[: self.one_sided]
-        return bool(positive.size and -positive.min() > positive.max())
+        """Whether no real machine has these coefficients: a one-sided effect's first below zero."""
+        return bool(self.one_sided and coefficients[0] < 0.0)
 
     def phase(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> FloatArray | None:
         """Angle (S,) in rad, of which the torque is a function with period 2π; None for what does not repeat so."""

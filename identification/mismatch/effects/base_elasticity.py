@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place
-from identification.mismatch.effects.describe import size_of
-from identification.mismatch.effects.dynamics import across, chain_of, rigid_torque
+from identification.arrays import FloatArray
+from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
+from identification.mismatch.effects.describe import linear, size_of
+from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque
 from identification.mismatch.effects.time_domain import time_derivative
 from identification.mismatch.motion import Motion
 
@@ -18,61 +19,99 @@ _STEP = 1e-7
 
 
 class BaseElasticity(Effect):
-    """The base leans by θ = −(c₁ n₁, c₂ n₂) about two level axes, n the moment by which the ground holds the base.
+    """The base leans by θ = −C n about the two level axes, n the moment by which the ground holds it about a pivot.
 
-    Then gravity is g − θ × g in the base's frame, and the base itself turns with θ̇ and θ̈: what ID changes by, to first
-    order in the compliances c. n is the moment of the rigid links about the base's origin. What the order leaves out is
-    the square of motion over the resonance of arm and stand: 2 % at 2e4 Nm/rad and motion up to 0.5 Hz.
-    Usual: 1e5 to 1e6 Nm/rad on a machine bed, 1e4 to 1e5 on a cart or a table, not the same in both directions. Looks
-    like: joint_elasticity of a joint that lifts. Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 9.
+    C = [[c₁, c₃], [c₃, c₂]]: a stand need not be as soft in both directions, nor stand along the base's axes. Gravity
+    is then g − θ × g in the base's frame, the base turns with θ̇ and θ̈, and its origin, pivot_depth above the pivot,
+    sways with θ̈: what ID changes by, to first order in C. What the order leaves out is the square of motion over the
+    resonance of arm and stand: 2 % at 2e4 Nm/rad and motion up to 0.5 Hz.
+    Usual: 1e5 to 1e6 Nm/rad on a machine bed, 1e4 to 1e5 on a cart or a table. Looks like: joint_elasticity of a joint
+    that lifts. Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 9.
     """
 
     name = "base_elasticity"
     code = "stand"
-    units = ("rad/Nm", "rad/Nm")
-    one_sided = 2
+    units = ("rad/Nm", "rad/Nm", "rad/Nm")
+    one_sided = True
     separating_experiment = "Set a level or a dial gauge on the base while the arm reaches out and draws in."
 
     def places(self, motion: Motion) -> Sequence[Place]:
         """The base, if there is gravity."""
         return (Place(),) if np.any(motion.robot.gravity) else ()
 
+    def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
+        """How far below the origin of the base's frame the pivot lies: at the shoulder, the plate or the floor."""
+        return (ShapeParameter("pivot_depth", "m", (0.0, 0.4, 0.9), -0.5, 1.5, logarithmic=False),)
+
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """Torque per unit of compliance about the two axes level with the ground (x and y where gravity is along z)."""
-        gravity, rigid, chain = motion.robot.gravity, rigid_torque(motion), chain_of(motion)
-        values = np.empty((motion.samples, motion.n, 2))
-        for number, axis in enumerate(across(gravity / np.linalg.norm(gravity))):
-            lean = -_STEP * (axis @ rigid.base_moment)[:, None] * axis
-            rate = time_derivative(motion, lean)
-            turns = rate.T, time_derivative(motion, rate).T
-            seen = gravity - np.cross(lean, gravity)
-            links = chain.forward(motion.velocity, motion.acceleration, seen.T, base_turns=turns)
-            values[..., number] = (chain.backward(links).torque - rigid.torque) / _STEP
+        """Torque per unit of c₁, c₂ and c₃; axes x and y where gravity is along z."""
+        depth = shape["pivot_depth"]
+        values = np.tensordot([1.0, depth, depth**2], _by_power_of_depth(motion), axes=1)
         return Columns(tuple(range(motion.n)), values) if values.any() else None
 
+    def is_impossible(self, coefficients: FloatArray) -> bool:
+        """Whether the stand would drive the lean in some direction more than it yields in any."""
+        stiffest, softest = np.linalg.eigvalsh(_matrix(coefficients))
+        return bool(-stiffest >= softest)
+
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Stiffness in the direction that yields most (std to first order), and the compliance about each axis."""
-        deviations = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
-        about = [
-            Parameter(name, float(value), float(std), "rad/Nm")
-            for name, value, std in zip(("about_x", "about_y"), estimate.coefficients, deviations, strict=True)
-        ]
-        most = max(about, key=lambda item: item.value)
-        return (_stiffness(most), *about)
+        """Stiffness where the stand is softest (std to first order), and the compliances."""
+        names = ("about_x", "about_y", "about_xy")
+        about = [linear(name, estimate, "rad/Nm", index=index) for index, name in enumerate(names)]
+        return (_stiffness(estimate, 1), *about)
 
     def sentence(self, estimate: Estimate) -> str:
         """How stiff what yields is, about which axis."""
-        _, *about = self.parameters(estimate)
-        seen = {axis: each for axis, each in zip("xy", about, strict=True) if each.value > CERTAIN * each.std}
-        sizes = " and ".join(f"{size_of(_stiffness(each))} about its {axis} axis" for axis, each in seen.items())
-        stiff = "".join(f", not measurably about its {axis} axis" for axis in "xy" if axis not in seen)
+        soft, stiff = _stiffness(estimate, 1), _stiffness(estimate, 0)
+        vector = _axis(estimate, 1)
+        angle = math.degrees(math.atan2(vector[1], vector[0])) % 180.0
+        other = size_of(stiff) if stiff.value > 0.0 and CERTAIN < stiff.certainty < math.inf else "no yielding seen"
         return (
             "The base leans under the arm's own weight and motion: what it stands on yields, stiffness "
-            f"{sizes}{stiff} (base elasticity)."
+            f"{size_of(soft)} about the axis at {angle:.0f}° from the base's x axis, where it is softest, across it "
+            f"{other} (base elasticity)."
         )
 
 
-def _stiffness(compliance: Parameter) -> Parameter:
-    if compliance.value == 0.0:
+@once_per_motion
+def _by_power_of_depth(motion: Motion) -> FloatArray:
+    """The columns' parts that go with the pivot's depth to the power of 0, 1 and 2, (3, S, n, 3)."""
+    gravity, rigid, chain = motion.robot.gravity, rigid_torque(motion), chain_of(motion)
+    upward, still = -gravity / np.linalg.norm(gravity), np.zeros_like(motion.velocity)
+    first, second = across(-upward)
+    matrices = [np.outer(one, other) for one, other in ((first, first), (second, second), (first, second))]
+    matrices[2] = matrices[2] + matrices[2].T
+    moments = rigid.base_moment.T, np.cross(upward, rigid.base_force.T)
+    result = np.zeros((3, motion.samples, motion.n, 3))
+    for power, moment in enumerate(moments):
+        for column, matrix in enumerate(matrices):
+            lean = -moment @ matrix
+            rate = time_derivative(motion, lean)
+            growth = time_derivative(motion, rate)
+            seen = (gravity - _STEP * np.cross(lean, gravity)).T
+            turns = _STEP * rate.T, _STEP * growth.T
+            leaning = chain.backward(chain.forward(motion.velocity, motion.acceleration, seen, base_turns=turns))
+            swaying = chain.backward(chain.forward(still, still, -np.cross(growth, upward).T))
+            result[power, ..., column] += (leaning.torque - rigid.torque) / _STEP
+            result[power + 1, ..., column] += swaying.torque
+    return result
+
+
+def _matrix(coefficients: FloatArray) -> FloatArray:
+    return np.array([[coefficients[0], coefficients[2]], [coefficients[2], coefficients[1]]])
+
+
+def _axis(estimate: Estimate, number: int) -> FloatArray:
+    """Direction (2,) of the stiffest (0) or the softest (1) axis in the base's x and y."""
+    return np.asarray(np.linalg.eigh(_matrix(estimate.coefficients))[1][:, number])
+
+
+def _stiffness(estimate: Estimate, number: int) -> Parameter:
+    """Along `_axis`, to first order: the compliance is v_x² c₁ + v_y² c₂ + 2 v_x v_y c₃."""
+    x, y = _axis(estimate, number)
+    weights = np.array([x * x, y * y, 2.0 * x * y])
+    compliance = float(weights @ estimate.coefficients)
+    std = math.sqrt(max(0.0, float(weights @ estimate.covariance @ weights)))
+    if compliance == 0.0:
         return Parameter("stiffness", math.inf, math.nan, "Nm/rad")
-    return Parameter("stiffness", 1.0 / compliance.value, compliance.std / compliance.value**2, "Nm/rad")
+    return Parameter("stiffness", 1.0 / compliance, std / compliance**2, "Nm/rad")

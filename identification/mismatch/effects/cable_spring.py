@@ -29,7 +29,7 @@ class CableSpring(OwnJointEffect):
     name = "cable_spring"
     code = "cable"
     units = ("Nm/rad", "Nm")
-    one_sided = 1
+    one_sided = True
     separating_experiment = "Take the hose off, or repeat the same motion about another centre."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

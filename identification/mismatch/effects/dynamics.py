@@ -29,11 +29,12 @@ _INERTIAL_COUNT = 10
 class RigidTorque(NamedTuple):
     """torque: (S, n) Nm. moment: (S, n, 3) Nm, what link i's parent exerts on it about joint i, in link i's frame.
 
-    base_moment: (3, S) Nm, what the ground exerts on the base about its origin, in the frame of the base.
+    base_force, base_moment: (3, S) N and Nm about the origin of the base, what the ground exerts on it, in its frame.
     """
 
     torque: FloatArray
     moment: FloatArray
+    base_force: FloatArray
     base_moment: FloatArray
 
 
@@ -234,7 +235,7 @@ class _Chain:
         kinematics, samples = self.kinematics, links[0].force.shape[1]
         torque, moment = np.empty((samples, kinematics.n)), np.empty((samples, kinematics.n, 3))
         forces, moments = [link.force for link in links], [link.moment for link in links]
-        base_moment = np.zeros((3, samples))
+        base_force, base_moment = np.zeros((2, 3, samples))
         for joint in reversed(range(kinematics.n)):
             carried = moments[joint] if kinematics.revolute[joint] else forces[joint]
             torque[:, joint] = kinematics.axis[joint] @ carried
@@ -246,8 +247,9 @@ class _Chain:
                 forces[parent] = forces[parent] + force
                 moments[parent] = moments[parent] + turned
             else:
+                base_force += force
                 base_moment += turned
-        return RigidTorque(torque, moment, base_moment)
+        return RigidTorque(torque, moment, base_force, base_moment)
 
     def axes_in_base(self, velocity: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
         """Joint axes and angular velocities of the links in the base frame, (3, S) each."""

@@ -35,7 +35,7 @@ class JointElasticity(Effect):
     name = "joint_elasticity"
     code = "elastic"
     units = ("rad/Nm",)
-    one_sided = 1
+    one_sided = True
     separating_experiment = "Repeat with a payload: wind-up moves gravity in proportion to the square of the load."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

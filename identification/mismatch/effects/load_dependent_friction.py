@@ -28,7 +28,7 @@ class LoadDependentFriction(OwnJointEffect):
     code = "loadf"
     sees_torque = True
     units = ("1",)
-    one_sided = 1
+    one_sided = True
     separating_experiment = "Drive the same path with and without a known payload: only this friction grows with it."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:

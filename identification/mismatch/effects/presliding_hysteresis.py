@@ -27,7 +27,7 @@ class PreslidingHysteresis(OwnJointEffect):
     name = "presliding_hysteresis"
     code = "dahl"
     units = ("Nm",)
-    one_sided = 1
+    one_sided = True
     separating_experiment = (
         "Drive the same path at two speeds: pre-sliding follows the distance since the reversal, Stribeck friction "
         "the speed, a delay the time."

@@ -27,7 +27,7 @@ class StribeckFriction(OwnJointEffect):
     name = "stribeck_friction"
     code = "stribeck"
     units = ("Nm",)
-    one_sided = 1
+    one_sided = True
     everywhere = True
     separating_experiment = (
         "Drive the same path at two speeds: Stribeck friction follows the speed, pre-sliding follows the distance "

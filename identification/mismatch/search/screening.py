@@ -130,7 +130,7 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         diagonal = np.einsum("gii->gi", batch.gram)
         seen = diagonal > SWALLOWED * raw
         one_sided = np.array([screen.candidates[member].effect.one_sided for member in batch.members.tolist()])
-        seen &= (target > 0.0) | (np.arange(size) >= one_sided[:, None])
+        seen &= (target > 0.0) | ~one_sided[:, None] if size == 1 else True
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
         alike = np.array([_alike(screen.candidates[member]) for member in batch.members.tolist()])
         for column in range(size):

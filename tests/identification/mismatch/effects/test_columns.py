@@ -257,9 +257,10 @@ def test_a_leaning_base_is_seen_as_turned_gravity(motion: Motion, links: Physica
     np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
 
 
-@pytest.mark.parametrize("compliance", [(2e-7, 0.0), (0.0, 2e-7), (3e-7, 1e-7)])
+@pytest.mark.parametrize("depth", [0.0, 0.6, -0.3])
+@pytest.mark.parametrize("compliance", [(2e-8, 0.0, 0.0), (0.0, 2e-8, 0.0), (2e-8, 3e-8, 1e-8)])
 def test_a_base_that_yields_is_an_arm_on_two_hinges_with_springs(
-    motion: Motion, links: PhysicalParameters, compliance: tuple[float, float]
+    motion: Motion, links: PhysicalParameters, compliance: tuple[float, float, float], depth: float
 ) -> None:
     arm, samples = pinocchio_model(motion.robot, links), motion.samples
     stand = pinocchio.Model()
@@ -267,8 +268,10 @@ def test_a_base_that_yields_is_an_arm_on_two_hinges_with_springs(
     parent = 0
     for name, hinge in zip(("x", "y"), hinges, strict=True):
         parent = stand.addJoint(parent, hinge, pinocchio.SE3.Identity(), name)
+    raised = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, depth]))
     for joint in range(1, arm.njoints):
-        parent = stand.addJoint(parent, arm.joints[joint], arm.jointPlacements[joint], arm.names[joint])
+        placement = raised * arm.jointPlacements[joint] if joint == 1 else arm.jointPlacements[joint]
+        parent = stand.addJoint(parent, arm.joints[joint], placement, arm.names[joint])
         stand.appendBodyToJoint(parent, arm.inertias[joint], pinocchio.SE3.Identity())
     stand.gravity = arm.gravity
     rotation = 2.0j * np.pi * np.fft.rfftfreq(samples, motion.sampling_period_s)[:, None]
@@ -279,10 +282,11 @@ def test_a_base_that_yields_is_an_arm_on_two_hinges_with_springs(
         turned = [np.fft.irfft(lines * rotation**order, n=samples, axis=0) for order in range(3)]
         states = [np.hstack([base, own]) for base, own in zip(turned, arm_states, strict=True)]
         both = pinocchio_torque(stand, *states)
-        lean = -np.array(compliance) * both[:, :2]
+        about_x, about_y, about_both = compliance
+        lean = -both[:, :2] @ np.array([[about_x, about_both], [about_both, about_y]])
     truth = both[:, 2:] - pinocchio_torque(arm, *arm_states)
-    ours = torque(motion, "base_elasticity", Place()) @ np.array(compliance)
-    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=2e-4 * np.abs(truth).max())
+    ours = torque(motion, "base_elasticity", Place(), {"pivot_depth": depth}) @ np.array(compliance)
+    np.testing.assert_allclose(ours, truth, rtol=0.0, atol=1e-4 * np.abs(truth).max())
 
 
 def test_a_payload_is_what_pinocchio_adds_for_a_body_on_the_last_link(

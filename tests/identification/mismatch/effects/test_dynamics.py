@@ -32,14 +32,15 @@ def test_rigid_torque_and_joint_moments_equal_pinocchio(case: tuple[Motion, Phys
     motion, links = case
     model = pinocchio_model(motion.robot, links)
     data = model.createData()
-    torque, moment, base_moment = rigid_torque(motion)
+    torque, moment, base_force, base_moment = rigid_torque(motion)
     for sample in range(motion.samples):
         state = motion.position[sample], motion.velocity[sample], motion.acceleration[sample]
         np.testing.assert_allclose(torque[sample], pinocchio.rnea(model, data, *state), rtol=0.0, atol=1e-10)
         expected = [data.f[joint + 1].angular for joint in range(motion.n)]
         np.testing.assert_allclose(moment[sample], expected, rtol=0.0, atol=1e-10)
-        on_base = data.liMi[1].act(data.f[1]).angular
-        np.testing.assert_allclose(base_moment[:, sample], on_base, rtol=0.0, atol=1e-10)
+        on_base = data.liMi[1].act(data.f[1])
+        np.testing.assert_allclose(base_force[:, sample], on_base.linear, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(base_moment[:, sample], on_base.angular, rtol=0.0, atol=1e-10)
 
 
 def test_derivatives_of_torque_equal_pinocchio(case: tuple[Motion, PhysicalParameters]) -> None:

@@ -177,15 +177,19 @@ def test_a_stiffness_has_the_relative_deviation_of_its_compliance() -> None:
     assert stiffness.std / stiffness.value == pytest.approx(compliance.std / compliance.value)
 
 
-def test_a_base_that_yields_about_one_axis_says_so_and_none_is_driven_by_its_own_lean() -> None:
-    effect, covariance = effect_named("base_elasticity"), np.diag([1e-12, 1e-12])
-    about_y = Estimate(Place(), {}, np.array([-5e-7, 2e-5]), covariance)
-    stiffness, about_x, _ = effect.parameters(about_y)
-    assert (stiffness.value, stiffness.std) == (pytest.approx(5e4), pytest.approx(2.5e3))
-    assert about_x.value == -5e-7
-    assert "stiffness 50000 ± 5000 Nm/rad about its y axis, not measurably about its x axis" in effect.sentence(about_y)
-    assert not effect.is_impossible(about_y.coefficients)
-    assert effect.is_impossible(-about_y.coefficients)
+def test_a_base_that_yields_in_one_direction_says_so_and_none_drives_its_own_lean() -> None:
+    effect, at_60 = effect_named("base_elasticity"), np.array([np.cos(np.radians(60.0)), np.sin(np.radians(60.0))])
+    matrix = 2e-5 * np.outer(at_60, at_60)
+    softest = Estimate(Place(), {}, matrix[[0, 1, 0], [0, 1, 1]], np.diag([1e-12, 1e-12, 1e-12]))
+    stiffness, about_x, *_ = effect.parameters(softest)
+    assert (stiffness.value, about_x.value) == (pytest.approx(5e4), pytest.approx(5e-6))
+    draws = np.random.default_rng(3).multivariate_normal(softest.coefficients, softest.covariance, 20_000)
+    moved = np.linalg.eigvalsh(draws[:, [0, 2, 2, 1]].reshape(-1, 2, 2))[:, 1]
+    assert stiffness.std / stiffness.value == pytest.approx(moved.std() / moved.mean(), rel=0.05)
+    assert "at 60° from the base's x axis, where it is softest, across it no yielding seen" in effect.sentence(softest)
+    assert not effect.is_impossible(softest.coefficients)
+    assert effect.is_impossible(-softest.coefficients)
+    assert effect.is_impossible(np.array([0.0, 0.0, 1e-5]))
 
 
 def test_sizes_are_written_with_their_interval_where_it_is_known() -> None:
