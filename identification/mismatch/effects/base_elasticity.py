@@ -11,11 +11,19 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import linear, size_of
 from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque
-from identification.mismatch.effects.time_domain import time_derivative
+from identification.mismatch.effects.time_domain import (
+    ComplexArray,
+    filtered,
+    frequencies_of,
+    lines_of,
+    time_derivative,
+)
 from identification.mismatch.motion import Motion
 
 _STEP = 1e-7
 """Compliance, rad/Nm, of the difference that stands for the derivative: some 1e-5 rad of lean, far from rounding."""
+_LEFT_OUT = 1e-6
+"""Share of the power of the moment on the base, its fastest part, that the lean does not follow."""
 
 
 class BaseElasticity(Effect):
@@ -45,8 +53,7 @@ class BaseElasticity(Effect):
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque per unit of c₁, c₂ and c₃; axes x and y where gravity is along z."""
-        depth = shape["pivot_depth"]
-        values = np.tensordot([1.0, depth, depth**2], _by_power_of_depth(motion), axes=1)
+        values = np.tensordot(shape["pivot_depth"] ** np.arange(3), _by_power_of_depth(motion), axes=1)
         return Columns(tuple(range(motion.n)), values) if values.any() else None
 
     def is_impossible(self, coefficients: FloatArray) -> bool:
@@ -84,8 +91,9 @@ def _by_power_of_depth(motion: Motion) -> FloatArray:
     moments = rigid.base_moment.T, np.cross(upward, rigid.base_force.T)
     result = np.zeros((3, motion.samples, motion.n, 3))
     for power, moment in enumerate(moments):
+        slow = filtered(motion, moment, _slow_lines(motion))
         for column, matrix in enumerate(matrices):
-            lean = -moment @ matrix
+            lean = -slow @ matrix
             rate = time_derivative(motion, lean)
             growth = time_derivative(motion, rate)
             seen = (gravity - _STEP * np.cross(lean, gravity)).T
@@ -95,6 +103,20 @@ def _by_power_of_depth(motion: Motion) -> FloatArray:
             result[power, ..., column] += (leaning.torque - rigid.torque) / _STEP
             result[power + 1, ..., column] += swaying.torque
     return result
+
+
+@once_per_motion
+def _slow_lines(motion: Motion) -> ComplexArray:
+    """A low pass (L,) over the lines of the moment on the base, all but a millionth of its power.
+
+    What the position's noise and the jolts of friction have above them lies beyond the stand's resonance, where a lean
+    does not follow from the moment; two derivatives would make most of the torque of it.
+    """
+    power = (np.abs(lines_of(motion, rigid_torque(motion).base_moment.T)[1:]) ** 2).sum(axis=1)
+    faster = np.cumsum(power[::-1])[::-1]
+    frequency = np.abs(frequencies_of(motion))
+    highest = frequency[1 + int(np.flatnonzero(faster > _LEFT_OUT * faster[0])[-1])]
+    return np.asarray(1.0 / (1.0 + (frequency / (2.0 * highest)) ** 8) + 0.0j)
 
 
 def _matrix(coefficients: FloatArray) -> FloatArray:
