@@ -191,6 +191,15 @@ class BaseRegressor:
         """The base parameters of a set of physical parameters, eqs. (4) and (6); drives and offsets count as zero."""
         return self.base_from_full(self.full_from_physical(physical))
 
+    def base_from_other(self, other: BaseRegressor, values: FloatArray) -> FloatArray:
+        """Base parameters (p,) of the same arm, given those of a regressor that has other effects beside its links.
+
+        Effects that this one has not are dropped, and those that the other has not are zero. Which parameters are
+        grouped depends on the effects: on a lift a rotor's inertia and a constant force make up a mass.
+        """
+        known = {other.full_names[place]: value for place, value in zip(other.kept, values, strict=True)}
+        return self.base_from_full(np.array([known.get(name, 0.0) for name in self.full_names]))
+
     def full_from_physical(self, physical: PhysicalParameters) -> FloatArray:
         """The dynamic parameters π of a set of physical parameters, eq. (4), in the order of full_names."""
         symbols = self.options.symbols

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor, plain_name
+from identification.base_parameters import BaseRegressor
 from identification.json_values import json_list, number, plain
 from identification.mismatch.evidence import Evidence, fit_parameters
 from identification.mismatch.heldout import Residuals
@@ -23,10 +23,9 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import Extension
 from identification.mismatch.settings import CLEARLY, UNLIKELY
 from identification.model_file import Model, no_check
+from identification.robots import RobotModel
 from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import read_with_drives
-
-DRIVES = ("FV_", "FS_", "IA_", "OFF_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,24 +132,25 @@ class ModelComparison:
         }
 
 
+def own_values(model: Model | Path, robot: RobotModel) -> tuple[BaseRegressor, FloatArray]:
+    """The regressor that a model file's torque is of, as the robot stands, and its base parameters (p,).
+
+    Raises ModelFileError, RobotError.
+    """
+    if isinstance(model, Path):
+        return read_with_drives(model, robot)
+    own = BaseRegressor(robot, model.options)
+    return own, model.base_values(own)
+
+
 def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str, FloatArray]:
     """Name and base parameters (p,) of a model.json or of a simulator's file.
 
-    Friction, rotor inertias and offsets that a model.json does not hold count as zero; those that the regressor has not
-    are left out here (`prediction.rows_beside`). Raises ModelFileError, RobotError.
+    Friction, rotor inertias and offsets that it does not hold count as zero; those that the regressor has not are left
+    out here (`prediction.rows_beside`). Raises as `own_values`.
     """
-    if isinstance(model, Path):
-        own, values = read_with_drives(model, regressor.robot)
-        known = dict(zip(map(plain_name, own.names), values, strict=True))
-        return model.name, np.array([known.get(plain_name(name), 0.0) for name in regressor.names])
-    known = dict(zip(map(plain_name, model.names), model.values, strict=True))
-    missing = [name for name in regressor.names if plain_name(name) not in known and not name.startswith(DRIVES)]
-    if missing:
-        absent = ", ".join(missing[:6])
-        raise model.error(
-            f"its base parameters are not those of {regressor.robot.name}; missing: {absent}", "base_parameters"
-        )
-    return Path(model.path or "model").name, np.array([known.get(plain_name(name), 0.0) for name in regressor.names])
+    name = model.name if isinstance(model, Path) else Path(model.path or "model").name
+    return name, regressor.base_from_other(*own_values(model, regressor.robot))
 
 
 def compare_model(

@@ -19,7 +19,7 @@ from identification.base_parameters import BaseRegressor, plain_name
 from identification.errors import ModelFileError, RecordingError
 from identification.fitting.rms import RmsTable
 from identification.fitting.settings import Split
-from identification.mismatch.baseline import baseline_values
+from identification.mismatch.baseline import baseline_values, own_values
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence, with_parameters
@@ -30,7 +30,6 @@ from identification.mismatch.unknown.model_terms import terms_torque
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-from identification.robots.simulator_models import read_with_drives
 from identification.signals.aperiodic import cutoff_as_far_as
 from identification.validation import validate_model
 
@@ -159,11 +158,7 @@ def rows_beside(
     has not. Raises as `left_to_parameters`.
     """
     robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
-    if isinstance(model, Path):
-        own, values = read_with_drives(model, robot)
-    else:
-        own = BaseRegressor(robot, model.options)
-        values = model.base_values(own)
+    own, values = own_values(model, robot)
     names = set(map(plain_name, regressor.names))
     wider = not names.issuperset(map(plain_name, own.names)) or own.options.coulomb_velocity != (
         regressor.options.coulomb_velocity

@@ -85,6 +85,23 @@ def test_a_model_json_without_some_inertia_is_refused(iiwa14_base: BaseRegressor
         )
 
 
+def test_a_lift_s_model_without_offsets_is_compared_with_parameters_that_have_one(tmp_path: Path) -> None:
+    """The motor's torque of a vertical lift is m (q̈ + g) + J q̈: with an offset, m and J are grouped otherwise."""
+    file = tmp_path / "lift.urdf"
+    file.write_text(
+        '<robot name="lift"><link name="base"/><link name="cage"/><joint name="lift" type="prismatic">'
+        '<parent link="base"/><child link="cage"/><axis xyz="0 0 1"/>'
+        '<limit lower="0" upper="1" effort="100" velocity="1"/></joint></robot>'
+    )
+    lift, mass, rotor = load_robot(file), 3.0, 1.5
+    own, asked = (BaseRegressor(lift, RegressorOptions(rotor_inertia=True, offset=offset)) for offset in (False, True))
+    values = np.array([{"M_1": mass, "IA_1": rotor}.get(name.replace("R_", "_"), 0.0) for name in own.names])
+    model = Model("lift", own.names, values, values, own.units, None, np.zeros(0), np.zeros(0), own.options)
+    q, acceleration = np.zeros((4, 1)), np.array([[-2.0], [0.0], [1.0], [5.0]])
+    torque = asked.matrix(q, q, acceleration) @ baseline_values(model, asked)[1]
+    assert torque == pytest.approx(mass * (acceleration + 9.81) + rotor * acceleration)
+
+
 def test_one_wrong_parameter_is_told_from_missing_friction(
     iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
 ) -> None:
