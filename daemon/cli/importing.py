@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -27,7 +28,9 @@ def import_recording(
     topic: Annotated[str | None, typer.Option("--topic", help="JointState topic, where a bag has several.")] = None,
     unit: Annotated[
         list[str] | None,
-        typer.Option("--unit", metavar="QUANTITY=UNIT", help="Of t, q, dq or tau, such as q=deg or t=ms; repeatable."),
+        typer.Option(
+            "--unit", metavar="QUANTITY=UNIT", help="Of t, q, dq or tau, such as q=deg, t=ms or q=deg,mm; repeatable."
+        ),
     ] = None,
     period: Annotated[
         float | None,
@@ -51,7 +54,7 @@ def import_recording(
         raise typer.BadParameter("--out takes one FILE; several files get a name of their own each.")
     targets = [out or _default_target(file) for file in files]
     _check_targets(files, targets, force)
-    installation, units = arm.installation, dict(map(_quantity_and_unit, unit or ()))
+    installation, units = arm.installation, _units_of(unit or ())
     results = []
     for file, target in zip(files, targets, strict=True):
         recording = read_recording(
@@ -123,12 +126,16 @@ def _check_targets(files: list[Path], targets: list[Path], force: bool) -> None:
             raise typer.BadParameter(f"{target} would be written over itself; give another --out.")
 
 
-def _quantity_and_unit(text: str) -> tuple[str, str]:
+def _units_of(texts: Sequence[str]) -> dict[str, str]:
+    """Unit of each quantity; stated twice, for turning and for sliding joints, both with a comma."""
     from identification.recordings.units import unknown_unit
 
-    quantity, separator, unit = (part.strip() for part in text.partition("="))
-    if not separator:
-        raise typer.BadParameter(f"'{text}' states no unit; QUANTITY=UNIT does, such as q=deg.")
-    if unknown := unknown_unit(quantity, unit):
-        raise typer.BadParameter(f"By --unit {text}, {unknown}.")
-    return quantity, unit
+    units: dict[str, str] = {}
+    for text in texts:
+        quantity, separator, unit = (part.strip() for part in text.partition("="))
+        if not separator:
+            raise typer.BadParameter(f"'{text}' states no unit; QUANTITY=UNIT does, such as q=deg.")
+        units[quantity] = f"{units[quantity]},{unit}" if quantity in units else unit
+        if unknown := unknown_unit(quantity, units[quantity]):
+            raise typer.BadParameter(f"By --unit {text}, {unknown}.")
+    return units

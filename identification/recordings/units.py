@@ -27,8 +27,9 @@ UNITS: dict[str, dict[str, float]] = {
     "tau": {"Nm": 1.0, "N": 1.0, "mNm": 1e-3, "A": 1.0},
 }
 """Quantity → unit → factor to SI. Currents (A) stay currents; the fit says what to do with them."""
-_ONLY_REVOLUTE = ("deg", "deg/s")
-_ONLY_PRISMATIC = ("mm", "mm/s")
+_OF_ONE_KIND = {"deg": "rad", "deg/s": "rad/s", "mm": "m", "mm/s": "m/s"}
+"""Units of turning joints only, or of sliding ones only, and what such joints have in SI."""
+_OF_SLIDING = ("m", "mm", "m/s", "mm/s")
 
 SLOWEST_SAMPLING_S = 1.0
 SLOW_SAMPLING_S = 0.1
@@ -45,8 +46,13 @@ LIGHTEST, HEAVIEST = 0.1, 2000.0
 
 
 def unknown_unit(quantity: str, unit: str) -> str:
-    """Why a quantity cannot be in that unit, with what is known; empty where it can."""
-    if unit in UNITS.get(quantity, {}):
+    """Why a quantity cannot be in that unit, with what is known; empty where it can.
+
+    Of an arm with turning and sliding joints it may be two with a comma, one for each kind: deg,mm.
+    """
+    units = unit.split(",")
+    one_for_each = len(units) == 1 or sorted(each in _OF_SLIDING for each in units) == [False, True]
+    if one_for_each and all(each in UNITS.get(quantity, {}) for each in units):
         return ""
     known = ", ".join(UNITS.get(quantity, {})) or f"only those of {', '.join(UNITS)}"
     return f"the unit of {quantity} is '{unit}'; known are {known}"
@@ -60,7 +66,7 @@ def in_si(table: RawTable, robot: RobotModel | None) -> RawTable:
     units = table.units
     for quantity, unit in units.items():
         what = unknown_unit(quantity, unit)
-        if robot is None and unit in (*_ONLY_REVOLUTE, *_ONLY_PRISMATIC):
+        if robot is None and not _OF_ONE_KIND.keys().isdisjoint(unit.split(",")):
             what = f"{quantity} is in {unit}, and which of its joints turn is not known: say so with --robot"
         if what:
             raise RecordingError.named(table.path, what, field=f"{quantity}_unit")
@@ -95,12 +101,10 @@ def _times(values: FloatArray, factor: FloatArray | float) -> FloatArray:
 
 
 def _factors(quantity: str, units: dict[str, str], revolute: BoolArray) -> FloatArray:
-    unit = units.get(quantity)
-    if unit is None:
-        return np.ones(revolute.size)
-    factor = UNITS[quantity][unit]
-    turned = revolute if unit in _ONLY_REVOLUTE else ~revolute if unit in _ONLY_PRISMATIC else True
-    return np.where(turned, factor, 1.0)
+    factors = np.ones(revolute.size)
+    for unit in units[quantity].split(",") if quantity in units else ():
+        factors[~revolute if unit in _OF_SLIDING else revolute] = UNITS[quantity][unit]
+    return factors
 
 
 def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str, str]) -> Recording:
@@ -113,7 +117,7 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
     angle = 1.0
     if "q" not in stated and (found := _position(recording, robot, revolute)):
         suspicions.append(("q", *found))
-        angle = _DEGREE if found[0] == "deg" else 1.0
+        angle = _DEGREE if "deg" in found[0].split(",") else 1.0
     if "t" not in stated and (time := _time(recording, revolute, angle)):
         suspicions.append(("t", *time))
     if "tau" not in stated and (torque := _torque(recording, robot)):
@@ -125,7 +129,7 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
     if suspicions:
         said = "; ".join(sentence for _, _, sentence in suspicions if sentence)
         options = " ".join(f"--unit {quantity}={unit}" for quantity, unit, _ in suspicions)
-        right = " ".join(f"--unit {quantity}={next(iter(UNITS[quantity]))}" for quantity, _, _ in suspicions)
+        right = " ".join(f"--unit {quantity}={_si_of(quantity, unit)}" for quantity, unit, _ in suspicions)
         raise RecordingError.named(
             recording.source.path,
             f"{said}. Import it with {options}, or with {right} if that is right",
@@ -141,6 +145,10 @@ def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str
     added = [item for item in (*added, *unlike_velocities(recording)) if item not in report.findings]
     findings = tuple(sorted((*report.findings, *added), key=lambda finding: finding.first_row))
     return replace(recording, report=replace(report, findings=findings)) if added else recording
+
+
+def _si_of(quantity: str, unit: str) -> str:
+    return ",".join(_OF_ONE_KIND.get(each, next(iter(UNITS[quantity]))) for each in unit.split(","))
 
 
 def _known_limits(robot: RobotModel | None, n: int) -> tuple[FloatArray, FloatArray]:
@@ -163,6 +171,7 @@ def _beyond(position: FloatArray, lower: FloatArray, upper: FloatArray) -> Float
 def _position(recording: Recording, robot: RobotModel | None, revolute: BoolArray) -> tuple[str, str] | None:
     lower, upper = _known_limits(robot, recording.n)
     over = _beyond(recording.position, lower, upper)
+    found: dict[str, str] = {}
     for unit, factor, which in (("deg", _DEGREE, revolute), ("mm", 1e-3, ~revolute)):
         wrong = which & (over > OVER_LIMIT)
         if not wrong.any():
@@ -171,11 +180,12 @@ def _position(recording: Recording, robot: RobotModel | None, revolute: BoolArra
         if not np.any(inside[which] > OVER_LIMIT):
             joint = int(np.argmax(np.where(which, over, 0.0)))
             reach = float(np.abs(recording.position[:, joint]).max())
-            si = "rad" if unit == "deg" else "m"
-            return unit, (
-                f"joint {joint + 1} reaches {reach:.4g}, which no {si} of this robot are "
+            found[unit] = (
+                f"joint {joint + 1} reaches {reach:.4g}, which no {_OF_ONE_KIND[unit]} of this robot are "
                 f"({lower[joint]:.3g} to {upper[joint]:.3g}): q looks like {'degrees' if unit == 'deg' else 'mm'}"
             )
+    if found:
+        return ",".join(found), "; ".join(found.values())
     free = revolute & ~np.isfinite(upper)
     reach = np.abs(recording.position).max(axis=0)
     many = free & (reach > 2.0 * math.pi * WHOLE_TURNS)

@@ -131,3 +131,4 @@ def test_units_are_stated_where_the_file_does_not(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
     assert call("import", source, "--unit", "q=feet", "--force").exit_code == 2
     assert call("import", source, "--unit", "degrees", "--force").exit_code == 2
+    assert call("import", source, "--unit", "t=s", "--unit", "t=ms", "--force").exit_code == 2

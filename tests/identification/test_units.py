@@ -152,6 +152,21 @@ def test_a_prismatic_joint_has_no_degrees(tmp_path: Path) -> None:
     assert load_robot(tmp_path / "gantry.urdf").units == ("N", "Nm")
 
 
+def test_an_arm_with_both_kinds_of_joints_may_be_in_degrees_and_millimetres(tmp_path: Path) -> None:
+    """As most controllers of SCARA arms have it: only one of the two could be stated, the last one silently."""
+    (tmp_path / "gantry.urdf").write_text(AXIS)
+    factor = np.array([1000.0, 1.0 / DEGREE])
+    both, speed = POSITION[:, :2] * [0.5, 1.0], VELOCITY[:, :2] * [0.5, 1.0]
+    kept = {"robot": tmp_path / "gantry.urdf", "tau": TORQUE[:, :2], "q": factor * both, "dq": factor * speed}
+    assert "Import it with --unit q=deg,mm, or with --unit q=rad,m if that is right" in refusal(tmp_path, **kept)
+    for units in ({"q_unit": "deg,mm"}, {"q_unit": "mm,deg", "dq_unit": "deg/s,mm/s"}):
+        recording = read(tmp_path, **kept, **units)
+        np.testing.assert_allclose(recording.position, both, rtol=1e-12)
+        np.testing.assert_allclose(recording.velocity, speed, rtol=1e-12)
+    for wrong in ("deg,rad", "mm,m", "deg,mm,m", "deg,"):
+        assert f"the unit of q is '{wrong}'" in refusal(tmp_path, **kept, q_unit=wrong)
+
+
 @pytest.mark.parametrize(("quantity", "unit"), [("q", "deg"), ("q", "mm"), ("dq", "deg/s"), ("dq", "mm/s")])
 def test_units_of_one_kind_of_joint_need_the_robot(tmp_path: Path, quantity: str, unit: str) -> None:
     """The slide of a gantry was divided by 57.3, millimetres stayed as they were, and both were believed later."""
