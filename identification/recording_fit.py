@@ -53,6 +53,7 @@ from identification.robots import RobotModel
 from identification.signals.processed import ProcessedSignals
 
 if TYPE_CHECKING:
+    from identification.audit.exchange import Exchange
     from identification.audit.turned import TurnedJoint
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
@@ -138,17 +139,17 @@ def fit_recordings(
 @dataclass(frozen=True, slots=True)
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
-    they may be. turned: the joint that counts the other way than the robot's model. changed: what changes within one
-    of them, in words.
+    they may be. misplaced: joints whose positions are exchanged, or one that counts otherwise than the robot's model.
+    changed: what changes within one of them, in words.
     """
 
     wrong_unit: str
-    turned: TurnedJoint | None
+    misplaced: Exchange | TurnedJoint | None
     changed: tuple[str, ...]
 
     @classmethod
     def of(cls, processed: Sequence[Processed], robot: RobotModel, sign: TorqueSign, misfit: Misfit) -> _Misread:
-        """Of what is fitted; where nothing but noise is left, no joint is turned and none changes."""
+        """Of what is fitted; where nothing but noise is left, no joint is misplaced and none changes."""
         recordings = [item.recording for item in processed]
         unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
@@ -156,17 +157,17 @@ class _Misread:
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
         if not misfit.may_be_more_than_noise:
             return cls(wrong_unit, None, ())
-        from identification.audit.mount import counts_otherwise  # slow to load, and most fits leave nothing but noise
+        from identification.audit.mount import misplaced  # slow to load, and most fits leave nothing but noise
         from identification.audit.partly import notes_on_changes
 
-        return cls(wrong_unit, counts_otherwise(recordings, robot), tuple(notes_on_changes(recordings, robot)))
+        return cls(wrong_unit, misplaced(recordings, robot), tuple(notes_on_changes(recordings, robot)))
 
     @property
     def notes(self) -> list[str]:
         """A warning for each."""
-        turned = [] if self.turned is None else [f"WARNING, {self.turned.sentence.rstrip('.')}"]
+        misplaced = [] if self.misplaced is None else [f"WARNING, {self.misplaced.sentence.rstrip('.')}"]
         unit = [f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
-        return [*unit, *turned, *(f"WARNING, {each}" for each in self.changed)]
+        return [*unit, *misplaced, *(f"WARNING, {each}" for each in self.changed)]
 
     @contextmanager
     def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:
@@ -175,8 +176,8 @@ class _Misread:
             yield
         except SolverError as error:
             path = recording.source.path
-            if self.turned is not None:
-                raise RecordingError.named(path, self.turned.sentence.rstrip("."), field="q") from error
+            if self.misplaced is not None:
+                raise RecordingError.named(path, self.misplaced.sentence.rstrip("."), field="q") from error
             if self.wrong_unit:
                 raise RecordingError.named(path, self.wrong_unit, field="tau") from error
             raise

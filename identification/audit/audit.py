@@ -16,6 +16,7 @@ from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN, REPORT
 from identification.audit.difference import Audit, Difference
+from identification.audit.exchange import exchanged_positions
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.misread import (
     by_its_velocity,
@@ -114,26 +115,31 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
 def _as_it_shows(
     found: Audited, given: _Given, recordings: Sequence[Recording]
 ) -> tuple[Audited, _Given, list[Difference]]:
-    """With torques under the joints, and of the signs, that the recordings show by themselves, without any model.
+    """With torques under the joints, positions in the places, and of the signs, that the recordings show by themselves,
+    without any model.
 
     Beside another difference, or friction that nobody knows, a model does not tell these. Taken where the model then
     makes the recordings clearly likelier.
     """
-    robot, rows = given.geometry.robot, given.geometry.rows
+    robot, rows, moved = given.geometry.robot, given.geometry.rows, list[Difference]()
     order = order_by_itself(rows, robot, given.set_up.gravity)
+    pair = None if order is not None else exchanged_positions(recordings, robot)
     if order is not None:
-        rows = rows.in_order(order)
+        rows, moved = rows.in_order(order), [of_order(order, float("nan"))]
         recordings = [replace(each, torque=each.torque[:, order]) for each in recordings]
+    elif pair is not None:
+        rows, moved = pair.undone(rows), [misread("wrong_joint_order", pair.joints, float("nan"), pair.against)]
+        recordings = [replace(each, position=each.position[:, pair.order(robot.n)]) for each in recordings]
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
     each = signs_of(recordings, regressor)
     signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)
-    if order is None and np.array_equal(signs, found.signs):
+    if not moved and np.array_equal(signs, found.signs):
         return found, given, []
-    instead = given if order is None else replace(given, geometry=Geometry(robot, rows))
+    instead = replace(given, geometry=Geometry(robot, rows)) if moved else given
     again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
     if _nats(again, found) < LEAST_GAIN:
         return found, given, []
-    return again, instead, [] if order is None else [of_order(order, float("nan"))]
+    return again, instead, moved
 
 
 def _holds(found: Audited, given: GivenModel) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
@@ -42,6 +42,27 @@ class Exchange:
             f"The positions of joints {first} and {second} stand in each other's place, or their torques do: "
             "exchanged, the recording goes far better with one rigid body. Put the columns in the robot's order."
         )
+
+    @property
+    def against(self) -> str:
+        """The same against a model, as the beginning of a sentence."""
+        first, second = self.joints
+        return (
+            f"The positions of joints {first} and {second} stand in each other's place, or their torques do. Put the "
+            "columns in the robot's order"
+        )
+
+    def order(self, n: int) -> IntArray:
+        """(n,) the column from 0 that belongs to each joint."""
+        order, (first, second) = np.arange(n), self.joints
+        order[[first - 1, second - 1]] = second - 1, first - 1
+        return order
+
+    def undone(self, rows: Rows) -> Rows:
+        """Rows with the motion of the two in each other's place; torques stay."""
+        order = self.order(rows.position.shape[1])
+        motion: dict[str, Any] = {name: getattr(rows, name)[:, order] for name in MOTION}
+        return replace(rows, **motion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,17 +122,10 @@ def exchanged_positions(
     if stated is None:
         return None
     best: Exchange | None = None
-    for pair in combinations(range(robot.n), 2):
-        other = Directions.of(Geometry(robot, _exchanged(stated.rows, pair)), stated.rows.torque)
-        gain = stated.gain_of(other, max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain))
+    for first, second in combinations(range(1, robot.n + 1), 2):
+        pair = Exchange((first, second), 0.0 if best is None else best.gain)
+        other = Directions.of(Geometry(robot, pair.undone(stated.rows)), stated.rows.torque)
+        gain = stated.gain_of(other, max(least_gain, LEAST_GAIN, pair.gain))
         if gain is not None:
-            best = Exchange((pair[0] + 1, pair[1] + 1), gain)
+            best = replace(pair, gain=gain)
     return best
-
-
-def _exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:
-    """The rows with the motion of two joints in each other's place; torques stay."""
-    order = np.arange(rows.position.shape[1])
-    order[list(pair)] = order[list(pair[::-1])]
-    motion: dict[str, Any] = {name: getattr(rows, name)[:, order] for name in MOTION}
-    return replace(rows, **motion)

@@ -14,10 +14,10 @@ from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import LEAST_GAIN, LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
-from identification.audit.exchange import exchanged_positions
+from identification.audit.exchange import Exchange
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, rows_of
-from identification.audit.turned import TurnedJoint, turned_joint
+from identification.audit.turned import TurnedJoint, misplaced_joints
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
@@ -130,21 +130,21 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
             continue
         if found is not None and found.is_other:
             part = [excerpt(recording)]
-            misplaced = exchanged_positions(part, robot, found.gain) or turned_joint(part, robot, found.gain)
+            misplaced = misplaced_joints(part, robot, found.gain)
             if misplaced is not None:
                 raise RecordingError.at(recording.source.path, misplaced.sentence, field="q")
             return recording, found
     return None
 
 
-def counts_otherwise(recordings: Sequence[Recording], robot: RobotModel) -> TurnedJoint | None:
-    """The joint that counts the other way than the robot's model; None where none does, or another stand is likelier.
+def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> Exchange | TurnedJoint | None:
+    """As `misplaced_joints`; None where another stand is likelier.
 
     Of recordings at rest or too short nothing is said.
     """
     parts = [excerpt(recording) for recording in recordings]
     try:
-        found = turned_joint(parts, robot)
+        found = misplaced_joints(parts, robot)
         stand = None if found is None else mounting_of(parts, robot, found.gain)
     except RecordingError:
         return None

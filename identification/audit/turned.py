@@ -16,7 +16,7 @@ from identification.arrays import FloatArray
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.directions import Directions
-from identification.audit.exchange import Stated
+from identification.audit.exchange import Exchange, Stated, exchanged_positions
 from identification.audit.given import GivenModel
 from identification.audit.misread import beside_friction, least_square
 from identification.audit.rows import REPEATED, Rows
@@ -80,6 +80,13 @@ def turned_joint(
             if gain is not None:
                 best = TurnedJoint(joint + 1, with_torque, gain)
     return best
+
+
+def misplaced_joints(
+    recordings: Sequence[Recording], robot: RobotModel, least_gain: float = LEAST_GAIN
+) -> Exchange | TurnedJoint | None:
+    """Two joints whose positions are exchanged, or the joint that is turned. As `turned_joint`."""
+    return exchanged_positions(recordings, robot, least_gain) or turned_joint(recordings, robot, least_gain)
 
 
 def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[Rows, TurnedJoint] | None:

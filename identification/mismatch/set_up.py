@@ -15,12 +15,11 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.comparison import LEAST_SIGMAS
-from identification.audit.exchange import exchanged_positions
 from identification.audit.misread import in_degrees, of_order, order_by_itself
 from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.partly import notes_on_changes
 from identification.audit.rows import Rows, rows_of
-from identification.audit.turned import turned_joint
+from identification.audit.turned import misplaced_joints
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
@@ -139,7 +138,7 @@ def _places(
         return order, False
     rival = stand.gain if stand is not None and other else 0.0
     excerpts = [excerpt(recording) for recording in recordings]
-    misplaced = exchanged_positions(excerpts, robot, rival) or turned_joint(excerpts, robot, rival)
+    misplaced = misplaced_joints(excerpts, robot, rival)
     if misplaced is not None:
         return SetUpCheck(order.name, "failed", misplaced.sentence), True
     velocities = " ".join(fault.sentence for fault in faults if fault.fault == "wrong_joint_order")

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from identification.audit.audit import audit
 from identification.audit.exchange import exchanged_positions
 from identification.audit.mount import require_stated_stand
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
+from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import data_faults_of, examine_set_up
+from identification.model_file import read_model, write_model
 from identification.physical_parameters import PhysicalParameters
+from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.exported import random_arm, random_bodies
@@ -64,6 +68,22 @@ def test_two_positions_exchanged_are_told_by_the_torque(file: str, pair: tuple[i
     found = exchanged_positions([exchanged(recording, *pair, "position")], robot)
     assert found is not None
     assert found.joints == pair
+
+
+def test_beside_a_model_two_exchanged_positions_are_named_and_nothing_else_and_fit_warns_of_them(
+    tmp_path: Path,
+) -> None:
+    """A leaning base, a scale and another link 3 were named, and `fit` said nothing of the order."""
+    recording, robot = measured("ur10.npz")
+    settings = FitSettings(physical=False)
+    model = read_model(write_model(fit_recordings([recording], robot, settings).to_model_json(), tmp_path / "m.json"))
+    assert audit([recording], robot, model).differences == ()
+    for pair in ((1, 2), (3, 4)):
+        spoilt = exchanged(recording, *pair, "position")
+        (said,) = audit([spoilt], robot, model).differences
+        assert (said.effect, said.joints, said.against) == ("wrong_joint_order", pair, "recording")
+    warned = "WARNING, The positions of joints 3 and 4 stand in each other's place"
+    assert any(note.startswith(warned) for note in fit_recordings([spoilt], robot, settings).notes)
 
 
 @pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz", "kr300_b.npz"])
