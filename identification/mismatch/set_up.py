@@ -160,7 +160,8 @@ def _damaged_files(recordings: Sequence[Recording]) -> tuple[SetUpCheck, ...]:
 def _gravity(found: Mounting | None) -> SetUpCheck:
     if found is None:
         return SetUpCheck("gravity", "ok", "Gravity acts on no joint of this arm.")
-    return SetUpCheck("gravity", "failed" if found.is_other else "ok", found.sentence)
+    doubtful = found.contradicts and not found.tells
+    return SetUpCheck("gravity", "failed" if found.is_other else "warning" if doubtful else "ok", found.sentence)
 
 
 def _of_faults(name: str, kinds: Sequence[str], well: str, faults: Sequence[DataFault]) -> SetUpCheck:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from identification.audit.mount import Mounting, mounting_of, require_stated_stand
 from identification.errors import RecordingError
+from identification.mismatch.set_up import examine_set_up
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import Installation, RobotModel, load_robot
+from tests.identification.exported import random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
@@ -58,6 +61,37 @@ def test_a_motion_of_half_a_radian_does_not_tell_how_the_base_stands() -> None:
     undecided = found("kr300_a.npz")
     assert not undecided.is_other
     assert "does not tell" in undecided.sentence
+
+
+def test_an_arm_of_parallel_axes_on_its_side_is_doubted_though_it_does_not_tell_its_stand_closely(
+    tmp_path: Path,
+) -> None:
+    """What acts along the axes looks like an offset of the lift: "fits about as well" was said of a gravity that leaves
+    a fortieth, and the check was ok.
+    """
+    (tmp_path / "scara.urdf").write_text(
+        '<robot name="scara"><link name="base"/>'
+        + "".join(
+            f'<link name="part{k}"/><joint name="j{k}" type="{kind}"><parent link="{parent}"/><child link="part{k}"/>'
+            f'<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="99" velocity="3"/></joint>'
+            for k, (kind, parent, x) in enumerate(
+                [("revolute", "base", 0), ("revolute", "part0", 0.4), ("prismatic", "part1", 0.3)]
+            )
+        )
+        + "</robot>"
+    )
+    level = load_robot(tmp_path / "scara.urdf")
+    states = fourier_motion(3, period_s=20.0, samples=4000, seed=1)
+    for side in (level, load_robot(tmp_path / "scara.urdf", Installation((5.0, -8.44, 0.0)))):
+        torque = inverse_dynamics(side, random_bodies(3, 1), *states)
+        torque += 0.01 * np.random.default_rng(2).standard_normal(torque.shape)
+        recording = recording_of(states[0], torque, period_s=20.0)
+        stand = mounting_of([recording], level)
+        assert stand is not None
+        assert not stand.tells or side is level
+        assert ("hardly stands as stated" in stand.sentence) == (side is not level)
+        (check,) = (each for each in examine_set_up([recording], level) if each.name == "gravity")
+        assert check.status == ("ok" if side is level else "warning")
 
 
 def test_the_lean_of_the_med_7_is_what_its_vertical_joint_feels() -> None:
