@@ -27,7 +27,7 @@ from identification.audit.misread import (
     order_by_itself,
 )
 from identification.audit.numbers import found_numbers
-from identification.audit.rows import REPEATED, rows_of
+from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.audit.search import Audited, search, search_turned
 from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
@@ -121,25 +121,27 @@ def _as_it_shows(
     Beside another difference, or friction that nobody knows, a model does not tell these. Taken where the model then
     makes the recordings clearly likelier.
     """
-    robot, rows, moved = given.geometry.robot, given.geometry.rows, list[Difference]()
-    order = order_by_itself(rows, robot, given.set_up.gravity)
-    pair = None if order is not None else exchanged_positions(recordings, robot)
-    if order is not None:
-        rows, moved = rows.in_order(order), [of_order(order, float("nan"))]
-        recordings = [replace(each, torque=each.torque[:, order]) for each in recordings]
-    elif pair is not None:
-        rows, moved = pair.undone(rows), [misread("wrong_joint_order", pair.joints, float("nan"), pair.against)]
-        recordings = [replace(each, position=each.position[:, pair.order(robot.n)]) for each in recordings]
+    robot, rows = given.geometry.robot, given.geometry.rows
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
-    each = signs_of(recordings, regressor)
-    signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)
-    if not moved and np.array_equal(signs, found.signs):
-        return found, given, []
-    instead = replace(given, geometry=Geometry(robot, rows)) if moved else given
-    again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
-    if _nats(again, found) < LEAST_GAIN:
-        return found, given, []
-    return again, instead, moved
+    readings: list[tuple[Rows, Sequence[Recording], list[Difference]]] = []
+    if (order := order_by_itself(rows, robot, given.set_up.gravity)) is not None:
+        in_order = [replace(each, torque=each.torque[:, order]) for each in recordings]
+        readings.append((rows.in_order(order), in_order, [of_order(order, float("nan"))]))
+    if (pair := exchanged_positions(recordings, robot)) is not None:
+        undone = [replace(each, position=each.position[:, pair.order(robot.n)]) for each in recordings]
+        what = misread("wrong_joint_order", pair.joints, float("nan"), pair.against)
+        readings.append((pair.undone(rows), undone, [what]))
+    taken: tuple[Audited, _Given, list[Difference]] = found, given, []
+    for read, as_read, moved in readings or [(rows, recordings, [])]:
+        each = signs_of(as_read, regressor)
+        signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)
+        if not moved and np.array_equal(signs, found.signs):
+            continue
+        instead = replace(given, geometry=Geometry(robot, read)) if moved else given
+        again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
+        if _nats(again, taken[0]) >= LEAST_GAIN:
+            taken = again, instead, moved
+    return taken
 
 
 def _holds(found: Audited, given: GivenModel) -> bool:

@@ -78,7 +78,8 @@ def test_beside_a_model_two_exchanged_positions_are_named_and_nothing_else_and_f
     settings = FitSettings(physical=False)
     model = read_model(write_model(fit_recordings([recording], robot, settings).to_model_json(), tmp_path / "m.json"))
     assert audit([recording], robot, model).differences == ()
-    for pair in ((1, 2), (3, 4)):
+    # Of 1 and 4 the torques, too, seem to stand in another order.
+    for pair in ((1, 2), (1, 4), (3, 4)):
         spoilt = exchanged(recording, *pair, "position")
         (said,) = audit([spoilt], robot, model).differences
         assert (said.effect, said.joints, said.against) == ("wrong_joint_order", pair, "recording")
