@@ -265,6 +265,7 @@ def _evidence(
         start_s=np.array([float(signals.time[0] - recording.time[0])]),
         coulomb_velocity=regressor.options.coulomb_velocity,
         thinned_direction=signals.facts["direction"],
+        compared_hz=float(signals.facts["low_pass_hz"]),
     )
     density = np.asarray(signals.facts["noise_density"])
     cutoff = float(signals.facts["low_pass_hz"])

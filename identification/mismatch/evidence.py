@@ -166,6 +166,7 @@ def periodic_evidence(
         periodic=True,
         start_s=recording.time[begins] - recording.time[0],
         coulomb_velocity=regressor.options.coulomb_velocity,
+        compared_hz=float(frequency.max()),
     )
     evidence = Evidence(
         recording=recording,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from identification.arrays import FloatArray
@@ -22,7 +23,8 @@ class Motion:
     recording began, s from its first sample; (1,) for a stretch that is not periodic.
     coulomb_velocity: of the nominal model's Coulomb friction
     (`base_parameters.direction_of`), rad/s. thinned_direction: (S, n) direction of motion brought from a faster rate to
-    this grid, as the measured torque was; None where the grid is that of the recording.
+    this grid, as the measured torque was; None where the grid is that of the recording. compared_hz: highest frequency
+    of the torque that is compared; beyond it nothing is seen.
     """
 
     robot: RobotModel
@@ -36,6 +38,7 @@ class Motion:
     start_s: FloatArray
     coulomb_velocity: float = 0.0
     thinned_direction: FloatArray | None = None
+    compared_hz: float = math.inf
 
     @property
     def direction(self) -> FloatArray:

@@ -33,8 +33,12 @@ class StructuralResonance(OwnJointEffect):
     separating_experiment = "Tap the arm at rest, or sweep one joint with a small sine from 3 to 20 Hz."
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
-        """Frequency and damping ratio. Neighbours of the grid overlap at the wider damping."""
-        highest = 0.4 / motion.sampling_period_s
+        """Frequency, within what is compared, and damping ratio. Neighbours of the grid overlap at the wider damping.
+
+        Of a mode beyond the compared band only its quasi-static foot would be seen, which is the torque smoothed or
+        sharpened, as friction that turns over otherwise than the nominal model's is.
+        """
+        highest = min(0.4 / motion.sampling_period_s, motion.compared_hz)
         grid = tuple(float(f) for f in np.geomspace(4.0, 20.0, 16) if f < highest)
         return (
             ShapeParameter("frequency", "Hz", grid or (0.5 * highest,), min(2.0, 0.2 * highest), min(40.0, highest)),

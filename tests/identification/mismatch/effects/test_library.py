@@ -203,3 +203,10 @@ def test_sizes_are_written_with_their_interval_where_it_is_known() -> None:
 )
 def test_sentences_have_no_exponents_in_numbers_of_ordinary_size(value: float, std: float, text: str) -> None:
     assert size(value, std, "u") == text
+
+
+def test_no_mode_is_sought_beyond_what_is_compared(motion: Motion) -> None:
+    resonance, place = effect_named("structural_resonance"), Place(joint=2)
+    frequency = resonance.shape_parameters(replace(motion, compared_hz=10.0), place)[0]
+    assert frequency.upper == 10.0
+    assert max(frequency.grid) < 10.0
