@@ -115,7 +115,7 @@ def _slow_lines(motion: Motion) -> ComplexArray:
     power = (np.abs(lines_of(motion, rigid_torque(motion).base_moment.T)[1:]) ** 2).sum(axis=1)
     faster = np.cumsum(power[::-1])[::-1]
     frequency = np.abs(frequencies_of(motion))
-    highest = frequency[1 + int(np.flatnonzero(faster > _LEFT_OUT * faster[0])[-1])]
+    highest = frequency[1 + int(np.flatnonzero(faster >= _LEFT_OUT * faster[0])[-1])]
     return np.asarray(1.0 / (1.0 + (frequency / (2.0 * highest)) ** 8) + 0.0j)
 
 

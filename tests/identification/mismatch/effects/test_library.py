@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from identification.mismatch.effects import EFFECTS, Effect, Estimate, Place, effect_named
 from identification.mismatch.effects.describe import harmonic, size
 from identification.mismatch.motion import Motion
-from identification.robots import RobotModel
+from identification.physical_parameters import PhysicalParameters
+from identification.robots import RobotModel, robot_from_urdf
 from tests.identification.mismatch.effects.motions import motion_of, random_links, shipped_motion, sliding_robot
 
 # Contract, section 7.
@@ -210,3 +211,15 @@ def test_no_mode_is_sought_beyond_what_is_compared(motion: Motion) -> None:
     frequency = resonance.shape_parameters(replace(motion, compared_hz=10.0), place)[0]
     assert frequency.upper == 10.0
     assert max(frequency.grid) < 10.0
+
+
+def test_an_arm_that_loads_its_base_with_no_moment_makes_it_lean_nowhere() -> None:
+    lift = robot_from_urdf(
+        '<robot name="lift"><link name="base"/><link name="a"/><joint name="1" type="prismatic"><axis xyz="0 0 1"/>'
+        '<parent link="base"/><child link="a"/><limit lower="-3" upper="3" velocity="9" effort="99"/></joint></robot>',
+        source="lift.urdf",
+    )
+    body = PhysicalParameters(np.array([5.0]), np.zeros((1, 3)), np.zeros((1, 3, 3)), np.ones(1), np.ones(1))
+    up_and_down = motion_of(lift, body)
+    effect = effect_named("base_elasticity")
+    assert [effect.columns(up_and_down, place, {"pivot_depth": 0.4}) for place in effect.places(up_and_down)] == [None]
