@@ -44,8 +44,8 @@ class BaseElasticity(Effect):
     separating_experiment = "Set a level or a dial gauge on the base while the arm reaches out and draws in."
 
     def places(self, motion: Motion) -> Sequence[Place]:
-        """The base, if there is gravity."""
-        return (Place(),) if np.any(motion.robot.gravity) else ()
+        """The base, if there is gravity and an arm that turns."""
+        return (Place(),) if np.any(motion.robot.gravity) and any(motion.robot.kinematics.revolute) else ()
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """How far below the origin of the base's frame the pivot lies: at the shoulder, the plate or the floor."""
