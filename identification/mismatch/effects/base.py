@@ -16,9 +16,6 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 
-CERTAIN = 2.0
-"""Standard deviations that the size of what is claimed has to be away from zero."""
-
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
@@ -43,6 +40,10 @@ class Columns:
     joints: tuple[int, ...]
     values: FloatArray
     values_by_period: FloatArray | None = None
+
+
+CERTAIN = 2.0
+"""Standard deviations that the size of what is claimed has to be away from zero."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
-from identification.mismatch.effects.describe import linear, size_of
+from identification.mismatch.effects.describe import linear, shaped, size_of
 from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque
 from identification.mismatch.effects.time_domain import (
     ComplexArray,
@@ -62,10 +62,10 @@ class BaseElasticity(Effect):
         return bool(-stiffest >= softest)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Stiffness where the stand is softest (std to first order), and the compliances."""
+        """Stiffness where the stand is softest (std to first order), the compliances, and where the pivot lies."""
         names = ("about_x", "about_y", "about_xy")
         about = [linear(name, estimate, "rad/Nm", index=index) for index, name in enumerate(names)]
-        return (_stiffness(estimate, 1), *about)
+        return (_stiffness(estimate, 1), *about, shaped("pivot_depth", estimate, "m"))
 
     def sentence(self, estimate: Estimate) -> str:
         """How stiff what yields is, about which axis."""
@@ -75,8 +75,8 @@ class BaseElasticity(Effect):
         other = size_of(stiff) if stiff.value > 0.0 and CERTAIN < stiff.certainty < math.inf else "no yielding seen"
         return (
             "The base leans under the arm's own weight and motion: what it stands on yields, stiffness "
-            f"{size_of(soft)} about the axis at {angle:.0f}° from the base's x axis, where it is softest, across it "
-            f"{other} (base elasticity)."
+            f"{size_of(soft)} about the axis at {angle:.0f}° from the base's first level axis (x of an upright base), "
+            f"where it is softest, across it {other} (base elasticity)."
         )
 
 

@@ -181,13 +181,17 @@ def test_a_stiffness_has_the_relative_deviation_of_its_compliance() -> None:
 def test_a_base_that_yields_in_one_direction_says_so_and_none_drives_its_own_lean() -> None:
     effect, at_60 = effect_named("base_elasticity"), np.array([np.cos(np.radians(60.0)), np.sin(np.radians(60.0))])
     matrix = 2e-5 * np.outer(at_60, at_60)
-    softest = Estimate(Place(), {}, matrix[[0, 1, 0], [0, 1, 1]], np.diag([1e-12, 1e-12, 1e-12]))
-    stiffness, about_x, *_ = effect.parameters(softest)
+    softest = Estimate(Place(), {"pivot_depth": 0.4}, matrix[[0, 1, 0], [0, 1, 1]], np.diag([1e-12, 1e-12, 1e-12]))
+    stiffness, about_x, *_, depth = effect.parameters(softest)
+    assert (depth.name, depth.value) == ("pivot_depth", 0.4)
     assert (stiffness.value, about_x.value) == (pytest.approx(5e4), pytest.approx(5e-6))
     draws = np.random.default_rng(3).multivariate_normal(softest.coefficients, softest.covariance, 20_000)
     moved = np.linalg.eigvalsh(draws[:, [0, 2, 2, 1]].reshape(-1, 2, 2))[:, 1]
     assert stiffness.std / stiffness.value == pytest.approx(moved.std() / moved.mean(), rel=0.05)
-    assert "at 60° from the base's x axis, where it is softest, across it no yielding seen" in effect.sentence(softest)
+    assert (
+        "at 60° from the base's first level axis (x of an upright base), where it is softest, across it no"
+        in effect.sentence(softest)
+    )
     assert not effect.is_impossible(softest.coefficients)
     assert effect.is_impossible(-softest.coefficients)
     assert effect.is_impossible(np.array([0.0, 0.0, 1e-5]))
