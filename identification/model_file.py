@@ -25,6 +25,7 @@ from identification.robots.same_arm import difference_of_frames
 from identification.whole_file import written_whole
 
 MODEL_FORMAT = "iiwa-ident/model/1"
+SPEED = "speed_rms"
 _SMALLEST_RELATIVE_STD = 1e-9
 
 
@@ -103,6 +104,19 @@ class Model:
             field = "provenance.torque_shift_s"
             raise self.error(f"field '{field}' has {len(shift)} numbers, the robot {joints} joints", field)
         return np.array(shift, dtype=np.float64)
+
+    def speed_rms(self, joints: int) -> FloatArray | None:
+        """(n,) rad/s (m/s), RMS of each joint in what it was fitted to; None where an older file does not say.
+
+        Raises ModelFileError for another number of joints.
+        """
+        speed = self.data.get("provenance", {}).get(SPEED)
+        if speed is None:
+            return None
+        if len(speed) != joints:
+            field = f"provenance.{SPEED}"
+            raise self.error(f"field '{field}' has {len(speed)} numbers, the robot {joints} joints", field)
+        return np.array(speed, dtype=np.float64)
 
     def regressor(self, robot: RobotModel) -> BaseRegressor:
         """Of these base parameters: as the robot stands, or as the model's own stood where that shows others."""
@@ -224,6 +238,10 @@ def read_model(path: str | Path) -> Model:
         where = "provenance.torque_shift_s"
         if _finite(_part(provenance, "torque_shift_s", list)).ndim != 1:
             raise ValueError("no list of numbers")
+        where = f"provenance.{SPEED}"
+        speed = _finite(_part(provenance, SPEED, list))
+        if speed.ndim != 1 or np.any(speed < 0.0):
+            raise ValueError("no list of speeds")
         where = "provenance.inputs"
         _ = [int(item.get("samples_kept") or "0", 16) for item in _part(provenance, "inputs", list)]
         where = "provenance.robot.joints"

@@ -36,6 +36,8 @@ DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
 
+SLOW = 1e-3
+"""rad/s, rad/s² that a joint is taken to move by at least."""
 WEIGHS = 3.0
 """Deviations that a load's mass must be from zero: a first moment alone is no load."""
 WIDEST = 20.0
@@ -44,12 +46,15 @@ WIDEST = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """How large parameters of this arm are. each: (14 n,). mass: kg, length: m of a link (n,). torque: (n,) Nm."""
+    """How large parameters of this arm are. each: (14 n,). mass: kg, length: m of a link (n,). torque: (n,) Nm. speed:
+    (n,) rad/s (m/s), RMS.
+    """
 
     each: FloatArray
     mass: FloatArray
     length: FloatArray
     torque: FloatArray
+    speed: FloatArray
 
     @property
     def least_noise(self) -> FloatArray:
@@ -89,14 +94,14 @@ def sizes_of(robot: RobotModel, rows: Rows) -> Sizes:
     mass = np.maximum(mass, 0.2 * mass.mean())
     length = np.sqrt(np.maximum(np.trace(bodies[:, :3, :3], axis1=1, axis2=2) / mass, 1e-4))
     torque = np.maximum(rows.torque.std(axis=0), 1e-6)
-    speed, acceleration = (np.maximum(values.std(axis=0), 1e-3) for values in (rows.velocity, rows.acceleration))
+    speed, acceleration = (np.maximum(values.std(axis=0), SLOW) for values in (rows.velocity, rows.acceleration))
     each = np.empty((robot.n, PARAMETERS))
     each[:, 0] = mass
     each[:, 1:4] = (mass * length)[:, None]
     each[:, 4:INERTIAL] = (mass * length**2)[:, None]
     drive = DRIVE * torque
     each[:, INERTIAL:] = np.stack([drive / speed, drive, drive, drive / acceleration], axis=1)
-    return Sizes(each.ravel(), mass, length, torque)
+    return Sizes(each.ravel(), mass, length, torque, np.maximum(np.sqrt((rows.velocity**2).mean(axis=0)), SLOW))
 
 
 def wide_open(sizes: Sizes) -> FloatArray:
@@ -142,6 +147,7 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
         # A drive's parameter that the fit does not have may hide in what it left, and is then no news.
         hidden = sizes.each.reshape(n, PARAMETERS) * (HIDDEN * np.nan_to_num(left) / (DRIVE * sizes.torque))[:, None]
         known += np.diag(np.where(missing, hidden.ravel(), 0.0) ** 2)
+        known += np.diag(_at_another_speed(np.nan_to_num(left), model.speed_rms(n), sizes.speed).ravel() ** 2)
         delay = _delay(model.data.get("provenance", {}).get("torque_delay", {}))
     else:
         drawn = DRAWN * sizes.each.reshape(n, PARAMETERS)
@@ -149,6 +155,21 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
         drawn[:, INERTIAL:-1] = REST_OPEN * sizes.each.reshape(n, PARAMETERS)[:, INERTIAL:-1]
         known += np.diag(drawn.ravel() ** 2)
     return GivenModel(name, mean, known, daily.ravel(), own, left, *delay)
+
+
+def _at_another_speed(left: FloatArray, its_own: FloatArray | None, here: FloatArray) -> FloatArray:
+    """(n, 14) by which viscous and Coulomb friction of a fit are unknown at the speeds here.
+
+    Friction over velocity is no straight line. What a fit leaves of it at speeds v₀, Nm RMS, is as much at v₁ and
+    |v₁/v₀ − 1| times as much besides, where the line goes on that was fitted at v₀: nothing at the same speeds.
+    """
+    result = np.zeros((len(left), PARAMETERS))
+    if its_own is not None:
+        slow, fast = np.minimum(its_own, here), np.maximum(its_own, here)
+        slow, fast = np.maximum(slow, SLOW), np.maximum(fast, SLOW)
+        result[:, SYMBOLS.index("FV")] = left * (1.0 / slow - 1.0 / fast)
+        result[:, SYMBOLS.index("FS")] = left * (1.0 - slow / fast)
+    return result
 
 
 def _delay(entry: Mapping[str, Any]) -> tuple[float, float]:

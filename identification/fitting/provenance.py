@@ -9,9 +9,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.fitting.processing import Processed
 from identification.fitting.settings import FitSettings
+from identification.model_file import SPEED
 from identification.recordings.independence import prints_to_keep
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import FILE_BASE, PAPER_BASE
@@ -55,6 +59,7 @@ def provenance(
             "gravity_frame": PAPER_BASE if robot.name in BUILT_IN_ROBOTS else FILE_BASE,
             "joints": frames_of(robot),
         },
+        SPEED: _speed(processed).tolist(),
         "regressor": regressor.options.to_json(),
         "settings": settings.to_json(),
         "digest": _digest(processed, robot, regressor, settings),
@@ -62,6 +67,12 @@ def provenance(
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},
         **facts,
     }
+
+
+def _speed(processed: list[Processed]) -> FloatArray:
+    """(n,) rad/s (m/s), RMS of each joint's velocity over all that was fitted: friction is known at such speeds."""
+    velocity = np.concatenate([stretch.velocity for item in processed for stretch in item.stretches])
+    return np.asarray(np.sqrt((velocity**2).mean(axis=0)))
 
 
 def _digest(processed: list[Processed], robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> str:

@@ -155,6 +155,7 @@ def test_a_missing_or_spoilt_model_is_refused_with_the_field(result: FitResult, 
         ("provenance", {"torque_shift_s": "late"}, "provenance.torque_shift_s"),
         ("provenance", {"torque_shift_s": [0.001, "x"]}, "provenance.torque_shift_s"),
         ("provenance", {"torque_shift_s": [[0.001]] * 7}, "provenance.torque_shift_s"),
+        ("provenance", {"speed_rms": [-0.1] * 7}, "provenance.speed_rms"),
         (
             "physical_parameters",
             [{**item, "mass": -item["mass"]} for item in data["physical_parameters"]],

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from identification.audit.between import changes_between, model_of
+from identification.audit.given import _at_another_speed
 from identification.recordings import Recording, read_recording
 from identification.robots import load_robot
 
@@ -41,3 +42,34 @@ def test_what_an_audit_sees_of_coulomb_friction_is_what_the_fit_does(tmp_path: P
     (friction,) = (item for item in change.parameters if item.name == "FS_1")
     assert friction.after - friction.before == pytest.approx(3.0, rel=0.01)
     assert change.audit.rms_before[0] == pytest.approx(3.0, rel=0.03)
+
+
+def lifted(folder: Path, seed: int, speed: float) -> Recording:
+    """30 s of a motion whose fastest term is `speed` rad/s; friction turns over within 0.002 rad/s."""
+    random = np.random.default_rng(seed)
+    time, pace = np.arange(6000) * 0.005, 2.0 * np.pi * np.array([0.11, 0.23, 0.37])
+    size = speed * np.array([1.0, 0.7, 0.5])
+    turns = time[:, None] * pace + random.uniform(0.0, 6.0, 3)
+    velocity = (size * np.sin(turns)).sum(axis=1)
+    torque = 3.0 * (size * pace * np.cos(turns)).sum(axis=1) + 15.0 * velocity
+    torque += 8.0 * np.tanh(velocity / 0.002) + 0.02 * random.normal(size=time.size)
+    (folder / "wheel.urdf").write_text(WHEEL)
+    position = -(size / pace * np.cos(turns)).sum(axis=1)
+    np.savez(folder / f"{seed}.npz", t=time, q=position[:, None], tau=torque[:, None], robot="wheel.urdf")
+    return read_recording(folder / f"{seed}.npz")
+
+
+def test_friction_at_another_speed_is_no_change(tmp_path: Path) -> None:
+    """One arm, fast and then slow: its friction turns over by a curve, and the line of the fit holds at its speed."""
+    fast, slow = lifted(tmp_path, 1, 0.1), lifted(tmp_path, 2, 0.008)
+    robot = load_robot(tmp_path / "wheel.urdf")
+    assert not changes_between(model_of(fast, robot), slow, robot).audit.differences
+
+
+def test_what_a_fit_leaves_is_as_much_again_at_twice_its_speed() -> None:
+    """Closed form: a line that is 1 Nm off at 0.5 rad/s is 1 Nm further off at 1 rad/s, and no further at 0.5 rad/s."""
+    left, its_own = np.ones(2), np.array([0.5, 0.5])
+    viscous, coulomb = _at_another_speed(left, its_own, np.array([1.0, 0.5]))[:, [10, 11]].T
+    assert viscous * [1.0, 0.5] == pytest.approx([1.0, 0.0])
+    assert coulomb == pytest.approx([0.5, 0.0])
+    assert not _at_another_speed(left, None, its_own).any()
