@@ -93,28 +93,29 @@ def _columns(regressor: BaseRegressor, rotor_inertia: bool, offset: bool) -> Int
 
 
 def _fold_products(blocks: list[Block]) -> list[FloatArray]:
-    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each.
+    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each; the last is of rows that are never held out.
 
     Folds are of recordings where there are several, as what drifts within one is alike in all of its parts; of one
-    recording they are contiguous in time, interleaved in lines.
+    recording they are contiguous in time, interleaved in lines. The mean of a period is in none: no other line tells an
+    offset.
     """
     size = blocks[0].columns.shape[2]
     joints = blocks[0].columns.shape[1]
-    folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS)]
+    folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS + 1)]
     total = sum(len(block.torque) for block in blocks)
     several = len({block.recording for block in blocks}) > 1
     passed = 0
     for block in blocks:
         rows = np.arange(len(block.torque))
-        spectral = block.signals.row_time is None
-        fold = (
-            rows // 2 % FOLDS if spectral else np.minimum((passed + rows) * 2 * FOLDS // total, 2 * FOLDS - 1) % FOLDS
-        )
         if several:
             fold = np.full(len(rows), block.recording % FOLDS)
+        elif block.signals.row_time is None:  # line 0, then cosine and sine of each line
+            fold = np.where(rows == 0, FOLDS, (rows - 1) // 2 % FOLDS)
+        else:
+            fold = np.minimum((passed + rows) * 2 * FOLDS // total, 2 * FOLDS - 1) % FOLDS
         passed += len(block.torque)
         for joint in range(joints):
-            for number in range(FOLDS):
+            for number in range(FOLDS + 1):
                 chosen = block.fitted[:, joint] & (fold == number)
                 augmented = np.column_stack([block.columns[chosen, joint], block.torque[chosen, joint]])
                 folds[number][joint] += augmented.T @ augmented
@@ -155,7 +156,7 @@ def _held_out_squares(folds: list[FloatArray], columns: IntArray) -> FloatArray:
     total = np.sum(folds, axis=0)
     weights = _joint_weights(total, columns)
     held_out = np.zeros(total.shape[0])
-    for fold in folds:
+    for fold in folds[:FOLDS]:
         held_out += _squares(fold, columns, _solve(total - fold, weights, columns))
     present = total[:, -1, -1] > 0.0
     return np.asarray(np.maximum(held_out[present], 1e-300), dtype=np.float64)
