@@ -31,7 +31,9 @@ DAILY_OFFSET = 0.02
 DAILY_DELAY_S = 1e-3
 """By which the torque of two runs is late by more or less: a cycle of the loop that reads it."""
 HIDDEN = 0.3
-"""Of what a model leaves of a joint, what one parameter makes that it does not have: more, and the fit had taken it."""
+"""Of what a model leaves of a joint, what one parameter makes that it does not have, or has by a motion that weighs
+otherwise: more, and the fit had taken it.
+"""
 DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
@@ -158,17 +160,17 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
 
 
 def _at_another_speed(left: FloatArray, its_own: FloatArray | None, here: FloatArray) -> FloatArray:
-    """(n, 14) by which viscous and Coulomb friction of a fit are unknown at the speeds here.
+    """(n, 14) by which viscous and Coulomb friction of a fit are in doubt at the speeds here.
 
     Friction over velocity is no straight line. What a fit leaves of it at speeds v₀, Nm RMS, is as much at v₁ and
-    |v₁/v₀ − 1| times as much besides, where the line goes on that was fitted at v₀: nothing at the same speeds.
+    |v₁/v₀ − 1| times as much besides, where the line goes on that was fitted at v₀. At the same speeds a share of what
+    it leaves stays in doubt, as another motion weighs the curve otherwise (HIDDEN).
     """
     result = np.zeros((len(left), PARAMETERS))
     if its_own is not None:
-        slow, fast = np.minimum(its_own, here), np.maximum(its_own, here)
-        slow, fast = np.maximum(slow, SLOW), np.maximum(fast, SLOW)
-        result[:, SYMBOLS.index("FV")] = left * (1.0 / slow - 1.0 / fast)
-        result[:, SYMBOLS.index("FS")] = left * (1.0 - slow / fast)
+        slow, fast = (np.maximum(choose(its_own, here), SLOW) for choose in (np.minimum, np.maximum))
+        result[:, SYMBOLS.index("FV")] = left * np.hypot(1.0 / slow - 1.0 / fast, HIDDEN / fast)
+        result[:, SYMBOLS.index("FS")] = left * np.hypot(1.0 - slow / fast, HIDDEN)
     return result
 
 
