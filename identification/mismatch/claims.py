@@ -195,7 +195,7 @@ def _repeatable(
             parameters = member.effect.parameters(part)
             own, joints = rows, joints_of(member, rows)
             if len(parts) > 1:
-                if parameters[0].certainty < CERTAIN or member.effect.is_impossible(part.coefficients):
+                if parameters[0].certainty < CERTAIN or member.effect.is_impossible(part.coefficients, part.std):
                     continue
                 joints = [joint_index(part.place)]
                 own = np.where(np.isin(np.arange(problem.n), joints)[:, None], rows, 0.0)

@@ -98,6 +98,11 @@ class Estimate:
     shape_std: Mapping[str, float] = field(default_factory=dict)
     shape_covariance: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    @property
+    def std(self) -> FloatArray:
+        """(m,) standard deviations of the coefficients."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
 
 Stage = Literal["repeatable", "between_periods"]
 
@@ -137,8 +142,11 @@ class Effect(ABC):
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque columns; None when the motion does not let the effect act there (then it is not identifiable)."""
 
-    def is_impossible(self, coefficients: FloatArray) -> bool:
-        """Whether no real machine has these coefficients: a one-sided effect's first below zero."""
+    def is_impossible(self, coefficients: FloatArray, std: FloatArray | None = None) -> bool:
+        """Whether no real machine has these coefficients (m,): a one-sided effect's first below zero.
+
+        std: (m,) whatever the shape is, where that is known.
+        """
         return bool(self.one_sided and coefficients[0] < 0.0)
 
     def phase(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> FloatArray | None:

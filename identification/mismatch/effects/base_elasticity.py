@@ -56,7 +56,7 @@ class BaseElasticity(Effect):
         values = np.tensordot(shape["pivot_depth"] ** np.arange(3), _by_power_of_depth(motion), axes=1)
         return Columns(tuple(range(motion.n)), values) if values.any() else None
 
-    def is_impossible(self, coefficients: FloatArray) -> bool:
+    def is_impossible(self, coefficients: FloatArray, std: FloatArray | None = None) -> bool:
         """Whether the stand would drive the lean in some direction more than it yields in any."""
         stiffest, softest = np.linalg.eigvalsh(_matrix(coefficients))
         return bool(-stiffest >= softest)

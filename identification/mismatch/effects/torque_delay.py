@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
+from identification.arrays import FloatArray
+from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import deviation, joint_name, size_of
 from identification.mismatch.effects.time_domain import filtered_lines, frequencies_of, torque_lines
 from identification.mismatch.motion import Motion
@@ -51,6 +53,10 @@ class TorqueDelay(Effect):
         change = filtered_lines(motion, torque_lines(motion)[:, list(joints)], late - 1.0)
         return Columns(joints, change[..., None]) if change.any() else None
 
+    def is_impossible(self, coefficients: FloatArray, std: FloatArray | None = None) -> bool:
+        """Whether c is surely nearer to 0 or 2 than to 1: then a part of the torque is late, and the rest is not."""
+        return std is not None and bool(abs(coefficients[0] - 1.0) - CERTAIN * std[0] > 0.5)
+
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Delay c · d: for short delays only that product shows, as c and d trade; for long ones c is 1."""
         delay, share = float(estimate.shape["delay"]), float(estimate.coefficients[0])
@@ -72,7 +78,9 @@ class TorqueDelay(Effect):
             2: "as behind two first-order filters of half that time constant each",
         }[round(lag.value)]
         cause = "the acquisition" if estimate.place.joint is None else "this joint's drive or sensor"
+        early = delay.value < 0.0
+        size = size_of(replace(delay, value=abs(delay.value)))
         return (
-            f"{joint_name(estimate)}'s torque is late against its position by {size_of(delay)}, {kind}; "
-            f"look at {cause}."
+            f"{joint_name(estimate)}'s torque is {'early' if early else 'late'} against its position by {size}, "
+            f"{kind}; look at {cause}."
         )

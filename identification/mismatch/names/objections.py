@@ -133,8 +133,8 @@ def untenable(exam: Examination, trial: Trial) -> list[Objection]:
             key=lambda pair: pair[0],
         )
         why = ""
-        if member.effect.is_impossible(surest.coefficients):
-            why = "would need a size below zero, which no machine has"
+        if member.effect.is_impossible(surest.coefficients, surest.std):
+            why = "would need a size that no machine has"
         elif certainty < CERTAIN:
             why = "has a size that may as well be zero"
         if why:

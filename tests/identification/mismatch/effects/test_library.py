@@ -197,6 +197,17 @@ def test_a_base_that_yields_in_one_direction_says_so_and_none_drives_its_own_lea
     assert effect.is_impossible(np.array([0.0, 0.0, 1e-5]))
 
 
+def test_a_tenth_of_a_torque_that_is_60_ms_late_is_no_delay() -> None:
+    """Sound arm of another simulator, all friction turning over by tanh: 0.109 +- 0.012 of it seemed 60 ms late."""
+    effect = effect_named("torque_delay")
+    assert effect.is_impossible(np.array([0.109]), np.array([0.012]))
+    assert not effect.is_impossible(np.array([0.9]), np.array([0.01]))
+    # Of a short delay only c d shows, and c is not known.
+    assert not effect.is_impossible(np.array([-4.4]), np.array([16.0]))
+    early = Estimate(Place(joint=4), {"delay": 3e-4, "lag": 0.0}, np.array([-4.4]), np.array([[256.0]]))
+    assert "early against its position by 1.32" in effect.sentence(early)
+
+
 def test_sizes_are_written_with_their_interval_where_it_is_known() -> None:
     assert size(0.3141, 0.0102, "Nm") == "0.314 ± 0.02 Nm"
     assert size(0.3141, math.nan, "Nm") == "0.314 Nm"
