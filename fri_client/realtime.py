@@ -59,11 +59,6 @@ class RealtimeReport:
 
     items: tuple[RealtimeItem, ...]
 
-    @property
-    def complete(self) -> bool:
-        """True where everything that was asked for holds."""
-        return all(item.obtained for item in self.items if item.wanted)
-
     def item(self, name: str) -> RealtimeItem:
         """The item of that name: scheduler, memory, affinity, garbage_collector or switch_interval."""
         return next(item for item in self.items if item.name == name)

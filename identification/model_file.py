@@ -221,9 +221,9 @@ def read_model(path: str | Path) -> Model:
             raise ValueError("empty, a name that stands twice, or a negative deviation")
         units = tuple(str(item["unit"]) for item in base)
         where = "friction"
-        viscous, coulomb = (_column(data.get(where, []), key, "joint") for key in ("viscous", "coulomb"))
+        viscous, coulomb = (_column(data.get(where, []), key) for key in ("viscous", "coulomb"))
         where = "drives"
-        rotor, offset = (_column(data.get(where, []), key, "joint") for key in ("rotor_inertia", "offset"))
+        rotor, offset = (_column(data.get(where, []), key) for key in ("rotor_inertia", "offset"))
         where = "physical_parameters"
         physical = _physical(data.get(where, []), viscous, coulomb)
         where = "drives"
@@ -287,11 +287,11 @@ def _finite(values: Any) -> FloatArray:
     return array
 
 
-def _column(rows: list[dict[str, Any]], key: str, index: str) -> FloatArray:
-    """One number per joint or link, in the order of its index; null counts as zero."""
-    ordered = sorted(rows, key=lambda row: int(row[index]))
-    if [int(row[index]) for row in ordered] != list(range(1, len(ordered) + 1)):
-        raise ValueError(f"{index} does not run from 1 to {len(ordered)}")
+def _column(rows: list[dict[str, Any]], key: str) -> FloatArray:
+    """One number per joint, in the order of the joints; null counts as zero."""
+    ordered = sorted(rows, key=lambda row: int(row["joint"]))
+    if [int(row["joint"]) for row in ordered] != list(range(1, len(ordered) + 1)):
+        raise ValueError(f"joint does not run from 1 to {len(ordered)}")
     return _finite([0.0 if row[key] is None else row[key] for row in ordered])
 
 

@@ -93,11 +93,6 @@ class MotionProgram:
         self.standstill = Standstill(command_period_s / samples_per_command)
 
     @property
-    def samples_per_period(self) -> int:
-        """Monitoring messages per period."""
-        return self._course.commands_per_period * self._samples_per_command
-
-    @property
     def periods_completed(self) -> int:
         """Periods of which every command went out."""
         return self._course.periods_completed
@@ -111,11 +106,6 @@ class MotionProgram:
     def waits(self) -> bool:
         """True until it is begun or stopped."""
         return self.phase == _WAITING
-
-    @property
-    def moving(self) -> bool:
-        """True while the commands move the arm."""
-        return _START_RAMP <= self.phase <= _STOP_RAMP
 
     @property
     def watches_external_torque(self) -> bool:

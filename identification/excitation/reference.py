@@ -43,22 +43,20 @@ def reference_trajectory(
     seed: int = 0,
     *,
     robot: RobotModel | None = None,
-    offset: FloatArray | None = None,
     acceptable: Callable[[Trajectory], bool] | None = None,
 ) -> Trajectory:
     """One of the four, inside the limits on position, velocity and acceleration, starting and ending at rest.
 
     "excitation": the shipped excitation of `robot` (iiwa14 without one). "sine_series": the best conditioned of
     several random draws when `robot` is given, else the first. "polynomial_10", "polynomial_20": 10 or 20 random
-    intervals, 10 s together. offset: (n,) rad, where the motion starts; zero by default. acceptable: judges a
-    candidate (collisions); draws are repeated until it accepts. Raises DesignError for another kind, or if it
-    accepts none.
+    intervals, 10 s together. All start at zero. acceptable: judges a candidate (collisions); draws are repeated until
+    it accepts. Raises DesignError for another kind, or if it accepts none.
     """
     if kind == "excitation":
         return default_trajectory("iiwa14" if robot is None else robot.name)
     if kind not in REFERENCE_KINDS:
         raise DesignError(f"Unknown reference trajectory '{kind}'; known are {', '.join(REFERENCE_KINDS)}.")
-    centre = np.zeros(limits.joints) if offset is None else np.asarray(offset, dtype=np.float64)
+    centre = np.zeros(limits.joints)
     limits.reach(centre)
     name = "" if robot is None else robot.name
     regressor = BaseRegressor(robot) if robot is not None and kind == "sine_series" else None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fixtures.judge import Judge
+from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing
 from fri_client.loop.loop import FriLoop
 from fri_client.loop.result import LoopSettings
@@ -121,7 +122,7 @@ class Robot:
         self.to_active()
         for _ in range(cycles):
             assert position_of(self.say(ACTIVE))
-        assert self.loop.motion.moving
+        assert MotionPhase.START_RAMP <= self.loop.motion.phase <= MotionPhase.STOP_RAMP
 
 
 @contextmanager

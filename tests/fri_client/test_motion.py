@@ -113,7 +113,6 @@ def test_slower_commands_take_every_nth_row_and_keep_the_limits(stride: int) -> 
 
 def test_with_a_receive_multiplier_the_labels_of_commands_leave_room_for_the_samples_between() -> None:
     motion = program(command_period_s=0.002, samples_per_command=2)
-    assert motion.samples_per_period == 2000
     drive = Drive(motion)
     drive.until(MotionPhase.EXCITATION)
     seen = []

@@ -35,16 +35,15 @@ def deviation(estimate: Estimate, index: int) -> float:
     return math.sqrt(max(0.0, float(estimate.covariance[index, index])))
 
 
-def harmonic(estimate: Estimate, sine: int = 0, cosine: int = 1) -> Harmonic:
-    """Amplitude and phase of the coefficients of a sine and a cosine; a coefficient that is missing counts as zero."""
-    a = float(estimate.coefficients[sine])
-    b = float(estimate.coefficients[cosine])
+def harmonic(estimate: Estimate) -> Harmonic:
+    """Amplitude and phase of the two coefficients, of a sine and of a cosine."""
+    a, b = (float(value) for value in estimate.coefficients[:2])
     amplitude = math.hypot(a, b)
     if amplitude == 0.0:
-        return Harmonic(0.0, deviation(estimate, sine), 0.0, math.nan)
+        return Harmonic(0.0, deviation(estimate, 0), 0.0, math.nan)
     along = (a / amplitude, b / amplitude)
     across = (-b / amplitude, a / amplitude)
-    block = ((sine, along[0], across[0]), (cosine, along[1], across[1]))
+    block = ((0, along[0], across[0]), (1, along[1], across[1]))
     variance = sum(p[1] * r[1] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
     turned = sum(p[2] * r[2] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
     return Harmonic(amplitude, math.sqrt(max(0.0, variance)), math.atan2(b, a), math.sqrt(max(0.0, turned)) / amplitude)
