@@ -126,6 +126,6 @@ class StartCheck:
         path = [question.position]
         while motion.phase == MotionPhase.START_RAMP:
             path.append(tuple(motion.tick(path[-1])))
-        if motion.stop_reason is not None:
-            raise FriError(f"The start ramp from where the arm stands is refused: {motion.stop_reason.sentence}")
+        if motion.stopping.reason is not None:
+            raise FriError(f"The start ramp from where the arm stands is refused: {motion.stopping.reason.sentence}")
         return np.array(path)

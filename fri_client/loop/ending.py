@@ -61,7 +61,7 @@ class Ending:
             waited = first and self._waited_ns(now, silent) > settings.command_timeout_s * 1e9
             return "not_started" if waited else None
         if motion.phase == _DONE:
-            if motion.stop_reason is None or (settings.monitor_only and self._was_ended()):
+            if motion.stopping.reason is None or (settings.monitor_only and self._was_ended()):
                 return "completed"
             return "fault" if faults else "stopped"
         standstill = motion.standstill
@@ -77,7 +77,7 @@ class Ending:
 
     def _was_ended(self) -> bool:
         """Whether a run that lasts until somebody ends it was ended so, after the first message."""
-        reason = self._pilot.motion.stop_reason
+        reason = self._pilot.motion.stopping.reason
         return reason is not None and reason.code in ENDED_BY_SOMEBODY and self._session.first_fresh_ns > 0
 
     def _waited_ns(self, now: int, silent: bool) -> int:
@@ -111,14 +111,14 @@ class Ending:
             refused=self._pilot.refused,
             version=self._versions.mismatch() if outcome == "version_mismatch" else "",
         )
-        if motion.stop_reason is not None and result.reason == motion.stop_reason.code.name:
-            result.criterion = motion.stop_reason.criterion
+        if motion.stopping.reason is not None and result.reason == motion.stopping.reason.code.name:
+            result.criterion = motion.stopping.reason.criterion
         if outcome == "no_robot" and foreign:
             host = self._settings.robot_host
             only = f": only {host} is listened to" if host else ""
             result.sentence += f" {foreign} datagrams came from elsewhere{only}."
-        result.stop_kind, result.stop_duration_s = motion.stop_kind, motion.stop_duration_s
-        result.overruled = motion.overruled
+        result.stop_kind, result.stop_duration_s = motion.stopping.kind, motion.stopping.duration_s
+        result.overruled = motion.stopping.overruled
         if motion.commanded and not standstill.confirmed:
             result.sentence += " The stop is NOT confirmed: fresh samples showed no standstill; look at the arm."
         result.sentence += self._versions.doubt()

@@ -81,15 +81,15 @@ class Journal:
 
     def note_motion(self, motion: MotionProgram, phase: int, period: int) -> None:
         """Events of the motion: a new stop reason, a new phase; and the span of ticks each phase and period took."""
-        reason = motion.stop_reason
+        reason = motion.stopping.reason
         if reason is not self._known_reason and reason is not None:
             self._known_reason = reason
             self.event(reason.code, reason.joint, reason.value, reason.limit)
             self.stopped(reason.sentence)
-        if motion.stop_kind is not self._stop_kind:
-            self._stop_kind = motion.stop_kind
-            code = EventCode.STOP_ON_PATH if motion.stop_kind == "path" else EventCode.STOP_IN_JOINT_SPACE
-            self.event(code, 0, motion.stop_duration_s, motion.stop_rows)
+        if motion.stopping.kind is not self._stop_kind:
+            self._stop_kind = motion.stopping.kind
+            code = EventCode.STOP_ON_PATH if motion.stopping.kind == "path" else EventCode.STOP_IN_JOINT_SPACE
+            self.event(code, 0, motion.stopping.duration_s, motion.stopping.rows)
         if phase != self._phase:
             self.event(EventCode.PHASE_CHANGE, 0, self._phase, phase)
             if self._phase == _WAITING:
@@ -134,7 +134,7 @@ class Journal:
         self, now_ns: int, session: Session, motion: MotionProgram, statistics: LinkStatistics, late: int, foreign: int
     ) -> None:
         """Write the loop's status into the ring's header."""
-        counts, reason = session.counts, motion.stop_reason
+        counts, reason = session.counts, motion.stopping.reason
         self._ring.publish_status(
             (
                 now_ns,

@@ -115,7 +115,7 @@ def explain(
     hindrance: why no motion began in COMMANDING_ACTIVE. refused: the error that made the motion impossible. version:
     the sentence of `VersionEvidence`.
     """
-    reason, drop = motion.stop_reason, session.drop
+    reason, drop = motion.stopping.reason, session.drop
     if outcome == "completed" and settings.monitor_only:
         left = "The robot ended its session." if session.state == SessionState.IDLE else _unheard(session)
         ended = left if reason is None else reason.sentence
@@ -169,7 +169,7 @@ def _unheard(session: Session) -> str:
 
 
 def _how(motion: MotionProgram) -> str:
-    if motion.stop_kind is None:
+    if motion.stopping.kind is None:
         return ""
-    where = "along its path" if motion.stop_kind == "path" else "each joint on its own"
-    return f", {where}, in {motion.stop_duration_s:.2f} s"
+    where = "along its path" if motion.stopping.kind == "path" else "each joint on its own"
+    return f", {where}, in {motion.stopping.duration_s:.2f} s"

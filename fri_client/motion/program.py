@@ -56,7 +56,7 @@ class MotionProgram:
     joint, None: not watched. Raises MotionError, and RampError when the motion could not be stopped at its end.
 
     phase, period (from 0, -1 outside EXCITATION) and sample_in_period (-1 outside; on the grid of the send period)
-    label the command last committed.
+    label the command last committed. stopping: the stop, once one is asked for or due.
     """
 
     def __init__(
@@ -73,7 +73,6 @@ class MotionProgram:
         external_torque_limit: Sequence[float] | None = None,
     ) -> None:
         table = checked_table(table, limits.joint_count)
-        self.command_period_s = command_period_s
         self._samples_per_command = samples_per_command
         self.guard = CommandGuard(limits, command_period_s, maximum_distance_to_measured=maximum_distance_to_measured)
         self._external_torque_limit = None if external_torque_limit is None else tuple(external_torque_limit)
@@ -85,7 +84,7 @@ class MotionProgram:
             periods=periods,
             lead_in_s=lead_in_s,
         )
-        self._stop = MotionStop(limits, self.guard, self._course.end_ramp, command_period_s)
+        self.stopping = MotionStop(limits, self.guard, self._course.end_ramp, command_period_s)
         self._last: Sequence[float] = ()
         self.phase = _WAITING
         self.period = -1
@@ -112,31 +111,6 @@ class MotionProgram:
         """Whether external torque beyond a limit stops it."""
         return self._external_torque_limit is not None
 
-    @property
-    def stop_reason(self) -> StopReason | None:
-        """Why the motion was stopped, None where it was not, or came to its end."""
-        return self._stop.reason
-
-    @property
-    def stop_kind(self) -> StopKind | None:
-        """How the arm was brought to rest, None where no command of a stop went out."""
-        return self._stop.kind
-
-    @property
-    def stop_duration_s(self) -> float:
-        """Time from the last command of the motion to the first at rest, s; 0 while no stop is planned."""
-        return self._stop.duration_s
-
-    @property
-    def stop_rows(self) -> float:
-        """Rows of the table a stop on the path goes on for; 0 for any other."""
-        return self._stop.rows
-
-    @property
-    def overruled(self) -> int:
-        """Commands of the stop that the guard objected to."""
-        return self._stop.overruled
-
     def prepare(self, ipo_position: tuple[float, ...]) -> None:
         """Plan the start ramp from the IPO position (rad) ahead of time; cheap where it is planned already.
 
@@ -158,8 +132,8 @@ class MotionProgram:
 
     def stop(self, reason: StopReason) -> None:
         """Ask for a stop ramp at the next tick; the first reason counts, and none does once the arm is stopping."""
-        if self._stop.asked is None and self.phase < _STOP_RAMP:
-            self._stop.ask(reason)
+        if self.stopping.asked is None and self.phase < _STOP_RAMP:
+            self.stopping.ask(reason)
             if self.phase == _WAITING:
                 self.phase = _DONE
 
@@ -172,12 +146,12 @@ class MotionProgram:
         """
         if self.phase < _STOP_RAMP:
             limits = self._external_torque_limit
-            if limits is not None and external_torque is not None and self._stop.asked is None:
+            if limits is not None and external_torque is not None and self.stopping.asked is None:
                 for joint, value in enumerate(external_torque):
                     if not -limits[joint] <= value <= limits[joint]:
                         self.stop(too_much_torque(joint + 1, value, limits[joint]))
                         break
-            if self._stop.asked is None:
+            if self.stopping.asked is None:
                 command = self._course.upcoming()
                 if command is not None:
                     outcome = self.guard.examine(command, measured_position)
@@ -193,7 +167,7 @@ class MotionProgram:
         if self.phase < _STOP_RAMP:
             self._advance()
         else:
-            self._stop.commit()
+            self.stopping.commit()
 
     def tick(
         self, measured_position: Sequence[float], external_torque: Sequence[float] | None = None
@@ -210,7 +184,7 @@ class MotionProgram:
 
         None: nothing moves along a path, a stop was asked for, or the guard would refuse. Nothing is changed by it.
         """
-        if self._stop.asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
+        if self.stopping.asked is not None or not _START_RAMP <= self.phase < _STOP_RAMP:
             return None
         command = self._course.upcoming()
         judged = None if command is None else self.guard.examine(command, None)
@@ -233,7 +207,7 @@ class MotionProgram:
         """
         if self.phase >= _STOP_RAMP:
             self.guard.come_to_rest()
-            self._stop.abandon()
+            self.stopping.abandon()
         course = self._course
         if not _START_RAMP <= self.phase < _STOP_RAMP or not course.has_begun or course.stands:
             return
@@ -259,7 +233,7 @@ class MotionProgram:
             if not at_rest:
                 self._plan_stop()
         elif self.phase == _STOP_RAMP and at_rest:
-            self._stop.abandon()
+            self.stopping.abandon()
         self.phase = _LATCHED
         self.period = self.sample_in_period = -1
         self.standstill.reset()
@@ -284,13 +258,13 @@ class MotionProgram:
     def _plan_stop(self) -> None:
         if not self._course.stands:
             is_done = self.phase == _EXCITATION and self._course.is_done
-            self._stop.plan(self._course.stop_along(), table_is_done=is_done)
+            self.stopping.plan(self._course.stop_along(), table_is_done=is_done)
 
     def _propose_stop(self, measured_position: Sequence[float] | None) -> Judged | None:
-        judged = self._stop.propose(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None
+        judged = self.stopping.propose(measured_position) if self.phase in (_STOP_RAMP, _LATCHED) else None
         if judged is not None:
             return judged
-        if self._stop.is_refused:
+        if self.stopping.is_refused:
             return None
         if self.phase == _STOP_RAMP:
             self.phase = _HOLD

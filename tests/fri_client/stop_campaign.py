@@ -101,8 +101,8 @@ def _stopped(running: MotionProgram, reason: str, last: tuple[float, ...]) -> tu
     """How a copy of the motion stops, and its commands until some after the end."""
     program = copy.copy(running)
     program.guard = copy.copy(running.guard)  # accepting replaces its lists, so the running guard is not touched
-    program._stop = copy.copy(running._stop)
-    program._stop._guard = program.guard
+    program.stopping = copy.copy(running.stopping)
+    program.stopping._guard = program.guard
     program.standstill = copy.copy(running.standstill)
     program._external_torque_limit = (60.0,) * 7
     commands: list[tuple[float, ...]] = []
@@ -123,7 +123,7 @@ def _stopped(running: MotionProgram, reason: str, last: tuple[float, ...]) -> tu
         else:
             commands.append(tuple(program.tick(measured, torque)))
         if len(commands) > _HISTORY and len(set(commands[-_HISTORY:])) == 1:
-            return program.stop_kind or "none", commands
+            return program.stopping.kind or "none", commands
 
 
 def _judge(path: np.ndarray, period: float, limits: JointLimits, own_jerk: np.ndarray, worst: np.ndarray) -> str:

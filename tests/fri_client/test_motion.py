@@ -83,7 +83,7 @@ def test_a_whole_motion_stays_inside_the_limits_and_labels_each_sample_once() ->
     phases = [phase for phase, _, _ in drive.labels]
     assert phases == sorted(phases)
     assert phases.count(MotionPhase.LEAD_IN) == 300
-    assert drive.motion.stop_reason is None
+    assert drive.motion.stopping.reason is None
     assert drive.motion.standstill.confirmed
     assert drive.motion.periods_completed == 2
 
@@ -187,8 +187,8 @@ def test_a_stop_at_any_tick_ends_at_rest_inside_every_limit(
             "torque": (EventCode.EXTERNAL_TORQUE, 7),
             "blocked": (EventCode.GUARD, 1),
         }[reason]
-        assert motion.stop_reason is not None
-        assert (motion.stop_reason.code, motion.stop_reason.joint) == expected
+        assert motion.stopping.reason is not None
+        assert (motion.stopping.reason.code, motion.stopping.reason.joint) == expected
         assert motion.phase == MotionPhase.DONE
         # Not one sample after the stop carries a place in a period.
         assert all(label[1:] == (-1, -1) for label in drive.labels[tick:])
@@ -199,7 +199,7 @@ def test_a_command_that_the_guard_refuses_is_never_sent() -> None:
     table[700, 2] += 0.05  # a jump of 50 rad/s
     drive = Drive(program(table))
     drive.finish()
-    reason = drive.motion.stop_reason
+    reason = drive.motion.stopping.reason
     assert reason is not None
     assert (reason.code, reason.joint) == (EventCode.GUARD, 3)
     assert "velocity" in reason.sentence
@@ -214,7 +214,7 @@ def test_the_first_reason_to_stop_is_the_one_that_is_told() -> None:
     drive.motion.stop(OPERATOR)
     drive.motion.stop(StopReason(EventCode.DISK_FULL, "The disk is full."))
     drive.finish()
-    assert drive.motion.stop_reason == OPERATOR
+    assert drive.motion.stopping.reason == OPERATOR
 
 
 def test_a_stop_before_the_motion_moves_nothing() -> None:

@@ -65,7 +65,7 @@ def test_after_each_pause_the_robot_sees_a_motion_inside_every_limit_that_drives
         drive.motion.resume_from_rest()
         drive.tick(ticks)
     assert drive.motion.phase == MotionPhase.DONE
-    assert drive.motion.stop_reason is None
+    assert drive.motion.stopping.reason is None
     for stretch in from_rest(drive, pauses):
         assert np.all(shares(stretch) <= (1.0001, 1.002, 1.02))
     # Every sample that has a label is the row of that label, and the ones after the last re-entry are all there.
@@ -85,7 +85,7 @@ def test_re_entries_that_break_off_again_and_again_end_where_the_path_does() -> 
         drive.tick(60)
     drive.tick(60_000)
     assert drive.motion.phase == MotionPhase.DONE
-    assert drive.motion.stop_reason is None
+    assert drive.motion.stopping.reason is None
     assert drive.motion.periods_completed == 2
     end = np.array(sine_table()[-1])
     assert np.abs(np.array(drive.commands[-1]) - end).max() < 0.05
@@ -131,7 +131,7 @@ def test_a_stop_in_a_re_entry_stays_on_the_path(first: int, into: int, drops: bo
     drive.motion.latch() if drops else drive.motion.stop(OPERATOR)
     for _ in range(1500):
         drive.commands.append(tuple(drive.motion.tick(drive.commands[-1])))
-    assert drive.motion.stop_kind == "path"
+    assert drive.motion.stopping.kind == "path"
     driven = np.array([drive.commands[resumed - 1]] * 3 + drive.commands[resumed:])
     assert np.all(shares(driven) <= (1.0001, 1.002, 1.02))
     assert drive.commands[-1] == drive.commands[-2]
@@ -159,7 +159,7 @@ def test_a_path_without_room_for_a_re_entry_is_given_up_where_the_arm_stands() -
     drive.motion.resume_from_rest()
     last = drive.commands[-1]
     drive.finish()
-    reason = drive.motion.stop_reason
+    reason = drive.motion.stopping.reason
     assert isinstance(reason, StopReason)
     assert reason.code == EventCode.RAMP_ERROR
     assert "cycles were lost" in reason.sentence

@@ -27,7 +27,7 @@ def test_a_stop_on_the_start_ramp_is_one_of_each_joint() -> None:
     drive.tick(100)
     drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
     drive.finish()
-    assert drive.motion.stop_kind == "joint_space"
+    assert drive.motion.stopping.kind == "joint_space"
 
 
 def test_a_stop_on_the_table_passes_the_rows_that_would_have_come() -> None:
@@ -38,10 +38,10 @@ def test_a_stop_on_the_table_passes_the_rows_that_would_have_come() -> None:
     drive.motion.stop(StopReason(EventCode.OPERATOR_STOP, ""))
     before = len(drive.commands)
     drive.finish()
-    assert drive.motion.stop_kind == "path"
+    assert drive.motion.stopping.kind == "path"
     # Every joint has the same period here, so one joint tells the row and all others have to be at the same one.
     stop = [command for command, label in zip(drive.commands, drive.labels, strict=True) if label[0] == 4]
-    assert len(stop) == round(drive.motion.stop_duration_s * 1000)
+    assert len(stop) == round(drive.motion.stopping.duration_s * 1000)
     place = 499.0
     for command in stop:
         ahead = range(int(place), int(place) + 3)
@@ -49,14 +49,14 @@ def test_a_stop_on_the_table_passes_the_rows_that_would_have_come() -> None:
         assert abs(table[best] - command).max() <= abs(table[best] - table[best - 1]).max()
         place = best
     assert before < len(drive.commands)
-    assert drive.motion.stop_rows > len(stop) / 3
+    assert drive.motion.stopping.rows > len(stop) / 3
 
 
 def test_the_planned_end_keeps_to_the_path_too() -> None:
     drive = Drive(program())
     drive.finish()
-    assert drive.motion.stop_reason is None
-    assert drive.motion.stop_kind == "path"
+    assert drive.motion.stopping.reason is None
+    assert drive.motion.stopping.kind == "path"
     drive.assert_inside_limits()
 
 
@@ -85,7 +85,7 @@ def test_an_error_while_a_path_stop_is_planned_costs_one_tick_and_not_the_stop()
     else:
         raise AssertionError("the error should have come through to the loop, which counts it")
     drive.assert_inside_limits()
-    assert drive.motion.stop_kind == "joint_space"
+    assert drive.motion.stopping.kind == "joint_space"
 
 
 def test_a_torque_of_flipped_bits_is_said_in_few_digits() -> None:
