@@ -1,6 +1,6 @@
 """What keeps the arm inside its limits: limits, guard, ramps, preflight. Pure functions and small state machines.
 
-Nothing here opens a socket, a file of the operator or a clock; the loop and the daemon call it.
+Nothing here opens a socket, a file of the operator or a clock.
 """
 
 from __future__ import annotations

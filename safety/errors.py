@@ -1,4 +1,4 @@
-"""Every exception of the package `safety`, and nothing else. Callers: fri_client, daemon, the tests.
+"""Every exception of the package `safety`, and nothing else.
 
     SafetyError                    70  root: catch this to catch all of them
     ├── LimitsError                78  a set of joint limits contradicts itself (joint, value, limit)

@@ -1,6 +1,6 @@
 """How far a computation is: a bar with the time that remains for a reader at a terminal, plain lines for a log.
 
-Here: the drawing, nothing of what is computed. Used by every command that takes more than a second or two.
+Here: the drawing, nothing of what is computed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Listening to a robot for a few seconds, and answering it where that is asked for and moves nothing.
 
 Here: the socket, the datagrams as they came, and the mirror that answers monitoring states. Not here: what is said
-about them (`link_checks`). The doctor calls it; the acquisition has a loop of its own.
+about them (`link_checks`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Packing of the log's messages into CDR bytes, by structures compiled once.
 
-Here: one pure function per message of `definitions`. Not here: files, clocks, decisions. The writer calls it.
+Here: one pure function per message of `definitions`. Not here: files, clocks, decisions.
 
 Plain CDR (XCDR1), little endian, as ROS 2 writes it: 4 bytes of encapsulation (00 01 00 00), then every primitive
 aligned to its own size counted from behind those 4 bytes; a string is its uint32 length including the closing NUL and

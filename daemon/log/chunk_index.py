@@ -2,7 +2,7 @@
 
 Here: the stand-in for the list that the mcap library's writer keeps until the file is closed. Not here: the writing.
 A chunk a quarter of a second makes 7200 entries in half an hour: 1 MB packed, ten times that as objects with their
-dictionaries, in a process that shares two cores and their memory with a 1 kHz loop. The writer of the log uses it.
+dictionaries, in a process that shares two cores and their memory with a 1 kHz loop.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A reader of MCAP records that takes nothing for granted: it gives what is readable and notes what is not.
 
 Here: bytes to records, of files that may be cut or damaged anywhere. Not here: healthy files (the mcap library reads
-those), and writing. Recovery calls it.
+those), and writing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The file under the log: bytes are kept until the disk has really taken them, and never half of them.
 
-Here: the stream the MCAP writer writes into, and a reserve of disk space for the day the disk is full. Not here:
-MCAP, messages. The writer uses it.
+Here: the stream the MCAP writer writes into, and a reserve of disk space for the day the disk is full.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The MCAP writer: one decoded sample becomes three messages, in small chunks, flushed a few times a second.
 
 Here: channels, quality-of-service texts, attachments, metadata, the mapping of the robot's clock, chunk policy. Not
-here: processes, the ring, decoding of datagrams. The recorder calls it; tests and tools may too.
+here: processes, the ring, decoding of datagrams.
 
 Times. `log_time` is the host's receive time (UNIX ns). `publish_time` is the robot's time stamp plus one constant,
 chosen at the first sample such that both agree there: differences are those of the robot's clock, whatever the host

@@ -1,7 +1,7 @@
 """A motion as a picture before it is run: where the end-effector goes, how near to what, and every joint's path.
 
 Here: the drawing, from a prepared motion to a PNG or SVG file. Not here: any number in it, which come from the
-preflight and the trajectory. `check --picture` calls it; it opens no window.
+preflight and the trajectory. No window is opened.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The main job without a robot: a fake iiwa 14 in its own process, recorded over FRI, identified by the worker.
 
-Used by `iiwa-ident demo`. The fake robot is started as a program and never imported; what it hides and its true
+The fake robot is started as a program and never imported; what it hides and its true
 parameters are read from the file it writes when it ends, after the diagnosis is done.
 """
 

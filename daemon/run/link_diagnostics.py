@@ -1,4 +1,4 @@
-"""What /diagnostics says once a second of the link and of the recorder; pure. The recorder calls it."""
+"""What /diagnostics says once a second of the link and of the recorder; pure."""
 
 from __future__ import annotations
 

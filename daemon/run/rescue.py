@@ -2,8 +2,7 @@
 
 Here: finding out that nobody else is left, writing the rest into the run's folder, and the account of such a run. Not
 here: the loop itself, which has ended before (the arm stands, or the session is lost, and no datagram is answered any
-more), and the recorder's work, which is done by the recorder's own code in this process. The loop's process calls it at
-its very end.
+more), and the recorder's work, which is done by the recorder's own code in this process.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Where the files of a run go when its own folder cannot be written any more: the disk is full, or gone.
 
 Here: one private folder per run in the system's temporary folder, the same for all of its processes, and the writing of
-small files with it as the second choice. Not here: the samples (`recorder`). Supervisor, loop and rescue call it.
+small files with it as the second choice. Not here: the samples (`recorder`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 Here: `Codec`, the door to everything below it: size limit, frame (2.7), payload, message identifier. Not here: the
 tables (`schema`), the bytes (`reader`, `layout`, `writer`, `wire`, `frame`), any judgement of what a message says: the
 codec is faithful to NaN and infinities and to a message without connection_info; the session judges.
-The loop, the recorder, the command line and the tests call it.
 """
 
 from __future__ import annotations

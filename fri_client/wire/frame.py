@@ -1,7 +1,7 @@
 """The frame of FRI 2.7: length, payload, CRC-32 (PROTOCOL section 2). Other versions send the payload bare.
 
 Here: putting the frame on and taking it off. Length and checksum are compared before a byte of the payload is read:
-the vendor's client does it the other way round, and a damaged datagram changes its state. `codec` calls it.
+the vendor's client does it the other way round, and a damaged datagram changes its state.
 """
 
 from __future__ import annotations

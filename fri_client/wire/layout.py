@@ -4,7 +4,7 @@ A robot sends the same shape a thousand times per second: the same fields in the
 Here: `LayoutBook` keeps the shape of datagrams that the `reader` has read, as two big integers (which bits are fixed,
 and what they are) and one `struct` for the numbers between. If every fixed bit of a new datagram agrees (tags, lengths,
 texts, continuation bits of the varints), it means to the reader exactly what the struct takes out of it; otherwise the
-reader does the work. Not here: any number of any datagram. `codec` calls it.
+reader does the work. Not here: any number of any datagram.
 
 Kept are only shapes of datagrams that the `writer` would write byte for byte, and only a limited number. Any other
 shape is read by the `reader` each time.

@@ -1,7 +1,7 @@
 """The primitives of the FRI wire format: variable-length integers, tags, and skipping of unknown fields.
 
 Here: reading and writing the protobuf primitives with every bound checked. Not here: which field is what (`schema`).
-`reader` and `writer` call it. Offsets count from the start of the payload.
+Offsets count from the start of the payload.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
 """What a fitted model says, as sections: parameters, RMS tables, feasibility, provenance. All of it is in `model.json`,
-so a report can be made from that file alone. Here: which of its numbers are shown, how rounded, in which words. Called
-by `report`.
+so a report can be made from that file alone. Here: which of its numbers are shown, how rounded, in which words.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: rounded to what they mean. Used by every section of the report."""
+"""Numbers as a reader wants them: rounded to what they mean."""
 
 from __future__ import annotations
 

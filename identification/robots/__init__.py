@@ -1,7 +1,6 @@
 """Robots: kinematics by name, from a modified Denavit-Hartenberg table or from a URDF, as one value object.
 
 `load_robot` is the door; the built-in tables are in `data`. Inertial parameters are not here: they are identified.
-Used by every other part of `identification` and by the command line.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The value object that stands for one robot's kinematics, and the Pinocchio model built from it.
 
 Here: joints, placements, limits, gravity. Not here: reading files (`modified_denavit_hartenberg`, `urdf`) and inertial
-parameters, which are what the package identifies. Used by everything in `identification`.
+parameters, which are what the package identifies.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Effects that differ from period to period: repeatable torque columns times an envelope over the whole recording.
 
-Here: the shape that torque sensor drift, thermal friction, a change of payload and an external contact share. Called
-by the search between periods, which works on columns and envelope apart, and by whoever needs the plain columns.
+Here: the shape that torque sensor drift, thermal friction, a change of payload and an external contact share.
 """
 
 from __future__ import annotations
