@@ -29,25 +29,25 @@ from identification.robots import RobotModel, load_robot
 NOISE_NM = np.array([0.17, 0.17, 0.12, 0.12, 0.08, 0.05, 0.04])
 PERIODS = 16
 PROTOTYPE = {
-    "stribeck": "28 [2..46]",
-    "dahl": "39 [10..79]",
-    "loadf": "73 [53..90]",
-    "offset": "47 [0..99.8]",
-    "absv": "48 [9..89]",
-    "quadv": "97 [93..98]",
-    "posf": "65 [13..99.8]",
-    "poslow": "45 [6..95]",
-    "elastic": "66 [43..98]",
-    "ripple": "1 [0..7]",
-    "gain": "87 [50..99.6]",
-    "bend": "62 [33..84]",
-    "xadj": "53 [14..85]",
-    "cable": "47 [7..99.9]",
-    "zero": "99.6 [75..100]",
-    "tilt": "83 [55..90]",
-    "rotor": "72 [58..86]",
+    "stribeck_friction": "28 [2..46]",
+    "presliding_hysteresis": "39 [10..79]",
+    "load_dependent_friction": "73 [53..90]",
+    "torque_offset": "47 [0..99.8]",
+    "asymmetric_viscous_friction": "48 [9..89]",
+    "nonlinear_viscous_friction": "97 [93..98]",
+    "position_dependent_friction": "65 [13..99.8]",
+    "position_dependent_torque": "45 [6..95]",
+    "joint_elasticity": "66 [43..98]",
+    "torque_ripple": "1 [0..7]",
+    "torque_sensor_gain": "87 [50..99.6]",
+    "bending_crosstalk": "62 [33..84]",
+    "joint_crosstalk": "53 [14..85]",
+    "cable_spring": "47 [7..99.9]",
+    "joint_zero_offset": "99.6 [75..100]",
+    "base_tilt": "83 [55..90]",
+    "distal_rotor_reaction": "72 [58..86]",
     "payload": "100",
-    "delay": "26 [1..97]",
+    "torque_delay": "26 [1..97]",
 }
 
 
@@ -93,7 +93,7 @@ def absorbed(found: list[tuple[Candidate, ...]]) -> None:
             item
             for candidate_set in found
             for item in candidate_set
-            if item.effect is effect and not (effect.code == "gain" and item.place.joint is None)
+            if item.effect is effect and not (effect.name == "torque_sensor_gain" and item.place.joint is None)
         ]
         if not single:
             continue
@@ -101,10 +101,10 @@ def absorbed(found: list[tuple[Candidate, ...]]) -> None:
         sizes = [item.smallest() for item in single if item.identifiable]
         text = "nothing shows"
         if sizes:
-            values = sorted((size.value for size in sizes), reverse=effect.code == "elastic")
+            values = sorted((size.value for size in sizes), reverse=effect.name == "joint_elasticity")
             text = f"{values[0]:.2g} .. {values[-1]:.2g} {sizes[0].unit} ({sizes[0].name})"
-        print(f"{effect.name:30s}{summary(shares):>24s}{PROTOTYPE.get(effect.code, ''):>16s}   {text}")
-    common = [item for candidate_set in found for item in candidate_set if item.effect.code == "gain"]
+        print(f"{effect.name:30s}{summary(shares):>24s}{PROTOTYPE.get(effect.name, ''):>16s}   {text}")
+    common = [item for candidate_set in found for item in candidate_set if item.effect.name == "torque_sensor_gain"]
     shares = 100.0 * np.array([item.absorbed_fraction for item in common if item.place.joint is None])
     print(f"{'the same gain on all joints':30s}{summary(shares):>24s}{'100':>16s}")
 
@@ -119,11 +119,11 @@ def look_alikes(found: tuple[Candidate, ...], cosine: float) -> None:
     print(f"\nlook alike on the shipped excitation (cosine of the rests from {cosine}):")
     for pair in confusable(found, cosine):
         first, second = (
-            f"{item.effect.code}({item.place.joint or item.place.link or 'all'}"
+            f"{item.effect.name}({item.place.joint or item.place.link or 'all'}"
             + (f" from {item.place.other_joint})" if item.place.other_joint else ")")
             for item in (pair.first, pair.second)
         )
-        print(f"  {first:18s}{second:18s}{pair.relation.cosine:.4f}  {pair.relation.kind.replace('_', ' ')}")
+        print(f"  {first:40s}{second:40s}{pair.relation.cosine:.4f}  {pair.relation.kind.replace('_', ' ')}")
 
 
 def cost(motion: Motion) -> None:

@@ -21,7 +21,6 @@ class AsymmetricViscousFriction(OwnJointEffect):
     """
 
     name = "asymmetric_viscous_friction"
-    code = "absv"
     units = ("Nm s/rad",)
     everywhere = True
     separating_experiment = "Use a wider range of speeds in both directions; an offset does not grow with speed."

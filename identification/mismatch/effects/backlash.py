@@ -26,7 +26,6 @@ class Backlash(Effect):
     """
 
     name = "backlash"
-    code = "backlash"
     units = ("rad",)
     separating_experiment = "Rock the joint slowly about the pose where its torque is zero, then about a loaded pose."
 

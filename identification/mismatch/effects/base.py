@@ -111,8 +111,8 @@ class Effect(ABC):
     """One physical effect of the library; one file, one class, one instance.
 
     Its docstring gives the equation, the usual size of its leading parameter on an iiwa, the effects it is easily taken
-    for, and the publication. Class attributes: name (contract §7), code (short name in the design notes), stage, units
-    of the m coefficients, separating_experiment (what to record to tell it from what looks like it).
+    for, and the publication. Class attributes: name (contract §7), stage, units of the m coefficients,
+    separating_experiment (what to record to tell it from what looks like it).
     revolute_only: whether the law needs an angle. one_sided: whether the first coefficient is positive on every real
     machine; what would need a negative one is then something else, and the effect no candidate. everywhere: whether it
     may be on every joint at once, as one hypothesis (`Place()`). sees_torque: whether its columns depend on the
@@ -120,7 +120,6 @@ class Effect(ABC):
     """
 
     name: ClassVar[str]
-    code: ClassVar[str]
     stage: ClassVar[Stage] = "repeatable"
     units: ClassVar[tuple[str, ...]]
     separating_experiment: ClassVar[str]

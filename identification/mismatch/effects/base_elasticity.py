@@ -38,7 +38,6 @@ class BaseElasticity(Effect):
     """
 
     name = "base_elasticity"
-    code = "stand"
     units = ("rad/Nm", "rad/Nm", "rad/Nm")
     one_sided = True
     separating_experiment = "Set a level or a dial gauge on the base while the arm reaches out and draws in."

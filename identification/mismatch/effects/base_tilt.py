@@ -22,7 +22,6 @@ class BaseTilt(Effect):
     """
 
     name = "base_tilt"
-    code = "tilt"
     units = ("rad", "rad")
     separating_experiment = "Level the base; or turn joint 1 alone with the arm stretched out."
 

@@ -26,7 +26,6 @@ class BendingCrosstalk(OwnJointEffect):
     """
 
     name = "bending_crosstalk"
-    code = "bend"
     sees_torque = True
     units = ("1", "1")
     separating_experiment = "Press on the arm at rest with a known force and lever, so that one moment acts at a time."

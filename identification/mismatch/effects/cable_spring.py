@@ -27,7 +27,6 @@ class CableSpring(OwnJointEffect):
     """
 
     name = "cable_spring"
-    code = "cable"
     units = ("Nm/rad", "Nm")
     one_sided = True
     separating_experiment = "Take the hose off, or repeat the same motion about another centre."

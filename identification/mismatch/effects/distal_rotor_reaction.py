@@ -20,7 +20,6 @@ class DistalRotorReaction(Effect):
     """
 
     name = "distal_rotor_reaction"
-    code = "rotor"
     sees_torque = False
     units = ("kg m²",)
     separating_experiment = "Accelerate the carrying joint j alone and hard, the joints before it at rest."

@@ -37,7 +37,6 @@ class ExternalContact(EnvelopedEffect):
     """
 
     name: ClassVar[str] = "external_contact"
-    code: ClassVar[str] = "contact"
     units: ClassVar[tuple[str, ...]] = ("N", "N", "N")
     separating_experiment: ClassVar[str] = "Clear the space around the robot, dress pack included, and record again."
 

@@ -23,7 +23,6 @@ class JointCoupling(Effect):
     """
 
     name = "joint_coupling"
-    code = "coupling"
     sees_torque = False
     units = ("Nm", "Nm s/rad", "kg m²")
     separating_experiment = "Move joint i alone, then joint j alone, then both against each other at equal speed."

@@ -20,7 +20,6 @@ class JointCrosstalk(Effect):
     """
 
     name = "joint_crosstalk"
-    code = "xadj"
     units = ("1",)
     separating_experiment = "Move and load joint i alone while joint j stands still, then the other way round."
 

@@ -33,7 +33,6 @@ class JointElasticity(Effect):
     """
 
     name = "joint_elasticity"
-    code = "elastic"
     units = ("rad/Nm",)
     one_sided = True
     separating_experiment = "Repeat with a payload: wind-up moves gravity in proportion to the square of the load."

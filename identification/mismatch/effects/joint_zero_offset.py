@@ -23,7 +23,6 @@ class JointZeroOffset(Effect):
     """
 
     name = "joint_zero_offset"
-    code = "zero"
     units = ("rad",)
     revolute_only = True
     separating_experiment = "Calibrate the geometry (laser tracker, reference marks); dynamics hardly shows it."

@@ -25,7 +25,6 @@ class LoadDependentFriction(OwnJointEffect):
     """
 
     name = "load_dependent_friction"
-    code = "loadf"
     sees_torque = True
     units = ("1",)
     one_sided = True

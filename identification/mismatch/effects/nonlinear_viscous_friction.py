@@ -23,7 +23,6 @@ class NonlinearViscousFriction(OwnJointEffect):
     """
 
     name = "nonlinear_viscous_friction"
-    code = "quadv"
     units = ("Nm",)
     everywhere = True
     separating_experiment = "Drive up to the speed limit: curvature grows there, Stribeck friction does not."

@@ -25,7 +25,6 @@ class Payload(Effect):
     """
 
     name = "payload"
-    code = "payload"
     sees_torque = False
     units = _UNITS
     separating_experiment = "Record the same motion with and without the load, or take the last link from CAD."

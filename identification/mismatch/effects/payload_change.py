@@ -26,7 +26,6 @@ class PayloadChange(EnvelopedEffect):
     """
 
     name: ClassVar[str] = "payload_change"
-    code: ClassVar[str] = "paystep"
     units: ClassVar[tuple[str, ...]] = ("kg", *3 * ("kg m",), *6 * ("kg m^2",))
     separating_experiment: ClassVar[str] = "Record once with and once without the load, each without a change."
 

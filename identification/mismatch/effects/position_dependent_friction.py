@@ -22,7 +22,6 @@ class PositionDependentFriction(OwnJointEffect):
     """
 
     name = "position_dependent_friction"
-    code = "posf"
     units = ("Nm", "Nm")
     separating_experiment = (
         "Repeat the path with another load, or with the base axis turned: friction that follows the angle stays where "

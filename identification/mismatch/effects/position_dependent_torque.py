@@ -22,7 +22,6 @@ class PositionDependentTorque(OwnJointEffect):
     """
 
     name = "position_dependent_torque"
-    code = "poslow"
     units = ("Nm", "Nm")
     separating_experiment = "Let the joint turn through more than one period of the harmonic (beyond 360°/N)."
     revolute_only = True

@@ -25,7 +25,6 @@ class PreslidingHysteresis(OwnJointEffect):
     """
 
     name = "presliding_hysteresis"
-    code = "dahl"
     units = ("Nm",)
     one_sided = True
     separating_experiment = (

@@ -20,7 +20,6 @@ class RotorInertia(OwnJointEffect):
     """
 
     name = "rotor_inertia"
-    code = "own_rotor"
     units = ("kg m²",)
     separating_experiment = "Move joint after joint alone with high acceleration, with the arm folded and stretched."
 

@@ -25,7 +25,6 @@ class StribeckFriction(OwnJointEffect):
     """
 
     name = "stribeck_friction"
-    code = "stribeck"
     units = ("Nm",)
     one_sided = True
     everywhere = True

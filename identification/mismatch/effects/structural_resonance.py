@@ -27,7 +27,6 @@ class StructuralResonance(OwnJointEffect):
     """
 
     name = "structural_resonance"
-    code = "resonance"
     sees_torque = True
     units = ("1", "1")
     separating_experiment = "Tap the arm at rest, or sweep one joint with a small sine from 3 to 20 Hz."

@@ -30,7 +30,6 @@ class ThermalFriction(EnvelopedEffect):
     """
 
     name: ClassVar[str] = "thermal_friction"
-    code: ClassVar[str] = "tempf"
     units: ClassVar[tuple[str, ...]] = ("Nm s/rad", "Nm")
     separating_experiment: ClassVar[str] = (
         "Record for half an hour from a cold start, and again at once: only warm-up is absent the second time."

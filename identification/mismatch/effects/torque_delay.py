@@ -26,7 +26,6 @@ class TorqueDelay(Effect):
     """
 
     name = "torque_delay"
-    code = "delay"
     units = ("1",)
     separating_experiment = (
         "Repeat the motion at another speed: the phase of a delay grows in proportion to frequency; pre-sliding "

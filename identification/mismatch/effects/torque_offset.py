@@ -24,7 +24,6 @@ class TorqueOffset(OwnJointEffect):
     """
 
     name = "torque_offset"
-    code = "offset"
     units = ("Nm",)
     everywhere = True
     separating_experiment = (

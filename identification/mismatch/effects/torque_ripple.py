@@ -32,7 +32,6 @@ class TorqueRipple(OwnJointEffect):
     """
 
     name = "torque_ripple"
-    code = "ripple"
     sees_torque = True
     units = ("Nm", "Nm")
     separating_experiment = "None needed; record torque with at least 60 Hz of bandwidth."

@@ -29,7 +29,6 @@ class TorqueSensorDrift(EnvelopedEffect):
     """
 
     name: ClassVar[str] = "torque_sensor_drift"
-    code: ClassVar[str] = "drift"
     units: ClassVar[tuple[str, ...]] = ("Nm",)
     separating_experiment: ClassVar[str] = (
         "Hold one pose for half an hour from a cold start: drift goes on at rest, friction does not act there."

@@ -25,7 +25,6 @@ class TorqueSensorGain(Effect):
     """
 
     name = "torque_sensor_gain"
-    code = "gain"
     units = ("1",)
     separating_experiment = "Hold a known mass at rest in several poses: the gain shows as a constant ratio."
 
