@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from pathlib import Path
@@ -18,8 +17,8 @@ from daemon.folders import make_folder
 from daemon.proof.prove import ProvenCase, Source, page_name, select_cases
 from daemon.proof.prove import prove as run_proof
 from daemon.proof.score import CaseScore
-from daemon.proof.table import Rate, confusion, family_rows, negatives, wrong_answers
-from identification.json_values import number
+from daemon.proof.table import confusion, family_rows, negatives, wrong_answers
+from identification.json_values import plain
 
 FORMAT = "iiwa-ident/proof/1"
 WORLDS = ("library", "alien", "hybrid")
@@ -156,9 +155,9 @@ def _result(source: Source, only: str | None, proven: list[ProvenCase]) -> dict[
             "seed": source.seed,
             "only": only,
             "summary": figures,
-            "targets": [dataclasses.asdict(target) for target in aims_of(source.world, figures)],
+            "targets": aims_of(source.world, figures),
             **tables,
-            "cases": [dataclasses.asdict(case) for case in proven],
+            "cases": proven,
         }
     )
     return result
@@ -195,14 +194,3 @@ def show_proof(world: str, scores: list[CaseScore]) -> None:
     for table in proof_tables(world, scores, figures_of(world, scores)):
         data(f"{table.caption}:")
         show_table(table.head, table.rows)
-
-
-def plain(value: Any) -> Any:
-    """The same as plain JSON types: rates as objects, what is not finite as null."""
-    if isinstance(value, Rate):
-        return {"hits": value.hits, "count": value.count, "upper_bound_95": value.upper_bound}
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    return number(value) if isinstance(value, float) else value

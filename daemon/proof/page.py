@@ -92,7 +92,7 @@ def _library_tables(scores: Sequence[CaseScore]) -> list[Table]:
             "False names where nothing is hidden, with the 95 % upper bound",
             ("group", "false names", "bound"),
             tuple(
-                (group, str(value), f"{100 * value.upper_bound:.1f} %") for group, value in negatives(scores).items()
+                (group, str(value), f"{100 * value.upper_bound_95:.1f} %") for group, value in negatives(scores).items()
             ),
         ),
     ]  # fmt: skip

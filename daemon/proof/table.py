@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,22 +34,22 @@ NARROW_MOTIONS = ("single",)
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """hits of count."""
+    """hits of count. upper_bound_95: one-sided bound of the true share (Clopper and Pearson 1934)."""
 
     hits: int
     count: int
+    upper_bound_95: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        from scipy.special import betaincinv
+
+        bound = 1.0 if self.hits >= self.count else betaincinv(self.hits + 1, self.count - self.hits, 0.95)
+        object.__setattr__(self, "upper_bound_95", float(bound))
 
     @property
     def share(self) -> float:
         """Share of hits, nan of nothing."""
         return self.hits / self.count if self.count else math.nan
-
-    @property
-    def upper_bound(self) -> float:
-        """One-sided 95 % upper bound of the true share (Clopper and Pearson 1934)."""
-        from scipy.special import betaincinv
-
-        return 1.0 if self.hits >= self.count else float(betaincinv(self.hits + 1, self.count - self.hits, 0.95))
 
     @property
     def short(self) -> str:
@@ -330,7 +330,7 @@ def at_least(figures: Mapping[str, Any], text: str, name: str, least: float) -> 
 
 def _at_most(figures: Mapping[str, Any], text: str, name: str, most: float) -> Target:
     value: Rate = figures[name]
-    reached = f"{value}, bound {100 * value.upper_bound:.1f} %" if value.count else "-"
+    reached = f"{value}, bound {100 * value.upper_bound_95:.1f} %" if value.count else "-"
     return Target(text, f"≤ {100 * most:g} %", reached, value.share <= most if value.count else None)
 
 

@@ -207,8 +207,8 @@ def test_a_case_without_a_diagnosis_is_counted_as_failed() -> None:
 
 
 def test_rates_carry_the_upper_bound_of_clopper_and_pearson() -> None:
-    assert Rate(0, 44).upper_bound == pytest.approx(1.0 - 0.05 ** (1 / 44))  # closed form for no hit
-    assert Rate(3, 3).upper_bound == 1.0
+    assert Rate(0, 44).upper_bound_95 == pytest.approx(1.0 - 0.05 ** (1 / 44))  # closed form for no hit
+    assert Rate(3, 3).upper_bound_95 == 1.0
 
 
 def test_visibility_at_which_names_come_right_is_found_on_a_known_curve() -> None:
