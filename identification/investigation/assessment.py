@@ -91,11 +91,7 @@ def assess(
     bases = tuple(
         tuple(joint.bases[number] for number in kept) for joint, kept in zip(unknown.joints, there, strict=True)
     )
-    classes = tuple(
-        (joint + 1, CLASSES[number].name) for joint, state in enumerate(nothing.states)
-        for number in nothing.classes(joint, state)
-    )  # fmt: skip
-    return Assessment(alive, inflated, Discrepancies(bases, unknown.fitted, unknown.inputs[0].fade_width), classes)
+    return Assessment(alive, inflated, Discrepancies(bases, unknown.fitted, unknown.inputs[0].fade_width))
 
 
 def _with_classes(plain: Selection) -> Selection:

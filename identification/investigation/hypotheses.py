@@ -60,13 +60,11 @@ NOTHING = Hypothesis(None, Place(), (), None, np.zeros(0), np.zeros((0, 0)), 0.0
 class Assessment:
     """alive: hypotheses, the most probable first, probabilities summing to one. evidences: with the noise of the
     leader, and with the settled findings among the nominal columns. discrepancies: classes beside any of those alive.
-    classes: joint (from 1) and name of each class that is there if no form of the library is.
     """
 
     alive: tuple[Hypothesis, ...]
     evidences: tuple[Evidence, ...]
     discrepancies: Discrepancies
-    classes: tuple[tuple[int, str], ...] = ()
 
     @property
     def leader(self) -> Hypothesis:
