@@ -357,6 +357,9 @@ def _slice(chosen: Sequence[int]) -> slice:
 
 
 def skew(vector: FloatArray) -> FloatArray:
-    """The matrix S(v), (3, 3), of the vector product: S(v) w = v × w."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    """The matrices S(v), (…, 3, 3), of the vector product with vectors (…, 3): S(v) w = v × w."""
+    out = np.zeros((*vector.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -vector[..., 2], vector[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = vector[..., 2], -vector[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -vector[..., 1], vector[..., 0]
+    return out

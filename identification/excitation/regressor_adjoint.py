@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray
+from identification.regressor import skew
 from identification.robots import Kinematics
 
 PARAMETERS_PER_LINK = 10
@@ -193,11 +194,9 @@ class ChainRegressor:
     def _joint_rotations(self, q: FloatArray) -> FloatArray:
         """Rotation of every joint about its own axis (identity for a prismatic one), (S, n, 3, 3)."""
         axis = self._local_screw[:, 3:]
-        skew = np.zeros((self.n, 3, 3))
-        skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
-        skew -= skew.transpose(0, 2, 1)
+        cross = skew(axis)
         sin, cos = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
-        return np.eye(3) + sin * skew + (1.0 - cos) * (skew @ skew)
+        return np.eye(3) + sin * cross + (1.0 - cos) * (cross @ cross)
 
     @staticmethod
     def _wrench_columns(
@@ -210,12 +209,12 @@ class ChainRegressor:
         eye = np.eye(3)
         force[..., 0] = classical
         squared = w[..., :, None] * w[..., None, :] - np.sum(w * w, axis=-1)[..., None, None] * eye
-        force[..., 1:4] = _skew(wd) + squared
-        moment[..., 1:4] = -_skew(classical)
+        force[..., 1:4] = skew(wd) + squared
+        moment[..., 1:4] = -skew(classical)
         own = _inertia_columns(w)
-        moment[..., 4:] = _inertia_columns(wd) + _skew(w) @ own
+        moment[..., 4:] = _inertia_columns(wd) + skew(w) @ own
         force = rotation @ force
-        moment = rotation @ moment + _skew(origin) @ force
+        moment = rotation @ moment + skew(origin) @ force
         return np.concatenate([force, moment], axis=-2)
 
     @staticmethod
@@ -238,7 +237,7 @@ class ChainRegressor:
         w = _rotate_back(rotation, motion.velocity[..., 3:])
         back = rotation.transpose(0, 1, 3, 2)
         dual_angular = back @ dual[..., 3:, :]
-        dual_linear = back @ (dual[..., :3, :] - _skew(origin) @ dual[..., 3:, :])
+        dual_linear = back @ (dual[..., :3, :] - skew(origin) @ dual[..., 3:, :])
 
         first_moment_force, first_moment_moment = dual_linear[..., 1:4], dual_angular[..., 1:4]
         inertia_moment = dual_angular[..., 4:]
@@ -253,7 +252,7 @@ class ChainRegressor:
             _rotate(symmetric, w)
             - 2.0 * trace[..., None] * w
             + gyroscopic
-            + _inertia_adjoint(-_skew(w) @ inertia_moment)
+            + _inertia_adjoint(-skew(w) @ inertia_moment)
         )
         # Classical acceleration of the origin = spatial part + ω × v; bring all to world forces about the world origin.
         link_velocity = _rotate_back(rotation, motion.velocity[..., :3] + _cross(motion.velocity[..., 3:], origin))
@@ -270,15 +269,6 @@ class ChainRegressor:
             _force_cross(motion.velocity, velocity_weight) + _force_cross(motion.acceleration, acceleration_weight)
         )
         return shift, velocity_weight, acceleration_weight
-
-
-def _skew(x: FloatArray) -> FloatArray:
-    """Cross-product matrix [x]: (..., 3) -> (..., 3, 3)."""
-    out = np.zeros((*x.shape, 3))
-    out[..., 0, 1], out[..., 0, 2] = -x[..., 2], x[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = x[..., 2], -x[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -x[..., 1], x[..., 0]
-    return out
 
 
 def _world_force(rotation: FloatArray, origin: FloatArray, force: FloatArray, moment: FloatArray) -> FloatArray:
