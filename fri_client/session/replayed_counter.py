@@ -8,21 +8,13 @@ from __future__ import annotations
 from fri_client.session.robot_counter import RESTART_RUN, WRAP, Order, RobotCounter
 
 
-class ReplayedCounter:
-    """`take` the counter of each recorded message in its order; missing: gaps, less what arrived late after all.
-
-    last: the newest counter.
-    """
+class ReplayedCounter(RobotCounter):
+    """`take` the counter of each recorded message in its order; missing: gaps, less what arrived late after all."""
 
     def __init__(self) -> None:
-        self._counter = RobotCounter()
+        super().__init__()
         self._doubted = (0, 0)  # the last counter that was not believed, and how many in a row came before it
         self.missing = 0
-
-    @property
-    def last(self) -> int:
-        """The newest counter."""
-        return self._counter.last
 
     def take(self, counter: int, *, believed: bool = True) -> None:
         """One message. believed: False where the session refused its counter, as one ahead of the robot's time."""
@@ -31,16 +23,8 @@ class ReplayedCounter:
         # The one that proves a restart was not refused any more, nor had it come in time.
         in_time = believed and run < RESTART_RUN
         self._doubted = (counter, run) if not in_time else (0, 0)
-        order = self._counter.judge(counter, in_time=in_time)
+        order = self.judge(counter, in_time=in_time)
         if order == Order.NEXT:
-            self.missing += self._counter.gap
+            self.missing += self.gap
         elif order == Order.BELATED and self.missing:
             self.missing -= 1
-
-    def refuse(self, counter: int) -> None:
-        """One message of which nothing can be used; its counter is not used up."""
-        self._counter.refuse(counter)
-
-    def resynchronise(self) -> None:
-        """Take the next counter as it comes, as the session does after silence."""
-        self._counter.resynchronise()
