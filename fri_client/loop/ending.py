@@ -43,8 +43,10 @@ class Ending:
         self._journal = journal
         self._versions = versions
 
-    def outcome(self, now: int, started: int, faults: int, *, silent: bool) -> Outcome | None:
-        """The outcome once there is one. now, started: ns; silent: no message for longer than the settings allow."""
+    def outcome(self, now: int, started: int, faults: int, *, silent: bool, unusable: bool) -> Outcome | None:
+        """The outcome once there is one. now, started: ns; silent: no message for longer than the settings allow;
+        unusable: messages came since the last one that can be used.
+        """
         motion, settings = self._pilot.motion, self._settings
         if self._pilot.refused is not None:
             return "refused"
@@ -57,7 +59,7 @@ class Ending:
             if not first and now - started > settings.start_timeout_s * 1e9:
                 return "version_mismatch" if self._versions.has_unreadable else "no_robot"
             if settings.monitor_only:
-                return "completed" if first and self._robot_left(now) else None
+                return self._monitored(now, unusable=unusable) if first else None
             waited = first and self._waited_ns(now, silent) > settings.command_timeout_s * 1e9
             return "not_started" if waited else None
         if motion.phase == _DONE:
@@ -68,12 +70,16 @@ class Ending:
         quiet = now - max(self._session.last_fresh_ns, self._gate.last_send_ns) > _DRAIN_S * 1e9
         return "dropped" if standstill.confirmed or standstill.gave_up or quiet else None
 
-    def _robot_left(self, now: int) -> bool:
-        """Whether the robot ended a session in which it was answered, or fell silent."""
+    def _monitored(self, now: int, *, unusable: bool) -> Outcome | None:
+        """How a run that only records ends by itself: the robot ended a session in which it was answered, or fell
+        silent. One whose messages cannot be used any more is still there, and what was to be recorded is not.
+        """
         session = self._session
         if session.counts.answered and session.state == _IDLE:
-            return True
-        return now - session.last_fresh_ns > self._settings.silence_s(simulated=session.clock.simulated) * 1e9
+            return "completed"
+        if now - session.last_fresh_ns <= self._settings.silence_s(simulated=session.clock.simulated) * 1e9:
+            return None
+        return "dropped" if unusable else "completed"
 
     def _was_ended(self) -> bool:
         """Whether a run that lasts until somebody ends it was ended so, after the first message."""

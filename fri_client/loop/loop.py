@@ -100,6 +100,7 @@ class FriLoop:
         self._restarts = 0
         self._unanswered = 0
         self._silence_told = False
+        self._unusable_ns = 0  # when the last message came that was refused or could not be read
         self._told_hindrance = ""
         self._versions = VersionEvidence(version)
         self._ending = Ending(self._pilot, self.session, self._gate, settings, self._journal, self._versions)
@@ -147,7 +148,8 @@ class FriLoop:
                 except Exception as error:  # an arm in motion must not be abandoned for a bug in here
                     self._survive(error)
             if self.motion.phase in _ENDINGS or self._pilot.refused is not None or self._faults > MOST_FAULTS:
-                outcome = self._ending.outcome(now, started, self._faults, silent=self._silence_told)
+                unusable = self._unusable_ns > self.session.last_fresh_ns
+                outcome = self._ending.outcome(now, started, self._faults, silent=self._silence_told, unusable=unusable)
         return self._conclude(outcome, started)
 
     # One tick.
@@ -280,6 +282,7 @@ class FriLoop:
         usable = newest.disposition == _FRESH
         phase, (period, sample) = motion.phase, self._pilot.label(counter) if usable else (-1, -1)
         if not usable:
+            self._unusable_ns = receive_ns
             self._journal.refused(self.session)
             self._judge_silence(receive_ns)
         if session.counts.restarts != self._restarts:
@@ -349,6 +352,7 @@ class FriLoop:
     def _not_fresh(self, disposition: int, datagram: bytes, now: int) -> None:
         session = self.session
         if disposition == Disposition.REFUSED:
+            self._unusable_ns = now
             self._journal.refused(session)
         self._judge_silence(now)
         self._journal.record(now, 0, self.motion.phase, -1, -1, datagram, None, disposition)
@@ -356,6 +360,7 @@ class FriLoop:
 
     def _undecodable(self, datagram: bytes, error: CodecError, now: int) -> None:
         self.statistics.observe_undecodable()
+        self._unusable_ns = now
         self._versions.note_unreadable(datagram, error)
         self._judge_silence(now)
         self._journal.event(EventCode.UNDECODABLE, 0, len(datagram))

@@ -116,7 +116,7 @@ def explain(
     the sentence of `VersionEvidence`.
     """
     reason, drop = motion.stopping.reason, session.drop
-    if outcome == "completed" and settings.monitor_only:
+    if settings.monitor_only and outcome in ("completed", "dropped"):
         left = "The robot ended its session." if session.state == SessionState.IDLE else _unheard(session)
         ended = left if reason is None else reason.sentence
         sentence = f"{ended} {session.counts.fresh} messages came, and no motion was commanded."

@@ -78,6 +78,27 @@ def test_a_run_that_only_monitors_ends_when_the_robot_falls_silent_and_waits_for
     assert result.sentence.startswith("No message that can be used came from the robot any more. 5 messages came")
 
 
+@pytest.mark.parametrize("kind", ["position", "torque", "undecodable"])
+def test_a_run_that_only_monitors_does_not_end_well_where_messages_still_come_and_none_can_be_used(kind: str) -> None:
+    clock, settings = SteppedClock(), LoopSettings(receive_timeout_s=0.2, monitor_only=True)
+    with running(settings=settings, clock_ns=clock) as (client, robot):
+        robot.exchange(READY, 5)
+        clock.now_ns += 100_000_000
+        impossible = (float("nan"), *REST[1:])
+        if kind == "position":
+            robot.send(READY, measured=impossible)
+        elif kind == "torque":
+            robot.exchange(READY, torque=impossible)
+        else:
+            robot.channel.sendto(b"no message of FRI", robot.client)
+        client.wait_until_heard(messages=5 + (kind != "undecodable"), undecodable=kind == "undecodable")
+        clock.now_ns += 400_000_000
+        result = client.finish()
+    assert result.outcome == "dropped"  # exit code 1: the answer is no, and what was recorded is kept
+    assert result.sentence.startswith("No message that can be used came from the robot any more.")
+    assert "no motion was commanded" in result.sentence
+
+
 @pytest.mark.parametrize(("operation", "outcome"), [(2, "not_started"), (0, "completed"), (None, "completed")])
 def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outcome: str) -> None:
     settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, test_mode_only=True)
