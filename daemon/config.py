@@ -33,7 +33,8 @@ from daemon.errors import ConfigurationError
 from daemon.json_files import read_bytes
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
-from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
+from safety.errors import LimitsError
+from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
 MAXIMUM_BYTES = 1_000_000
 
@@ -220,8 +221,13 @@ def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Set
         settings = msgspec.yaml.decode(data, type=kind)
         twice = _named_twice(data)
     except msgspec.ValidationError as error:
-        text, _, place = str(error).partition(" - at `$")
-        raise ConfigurationError(f"{text}.", file=str(file), field=place.strip(".`") or _key_in(text)) from error
+        text, _, place = str(error).partition(" - at `")
+        if place.startswith("key` in"):
+            text, place = "a key is no text; inside braces a value with commas in it needs quotes", place[8:]
+        elif text.startswith("Expected `str") and text.endswith(("`int`", "`float`", "`bool`")):
+            text += "; it needs quotes"
+        place = place.strip("`$.")
+        raise ConfigurationError(f"{text}.", file=str(file), field=place or _key_in(text)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(f"is no YAML: {' '.join(str(error).split())}.", file=str(file)) from error
     if twice is not None:
@@ -276,6 +282,10 @@ def _check(config: DaemonConfig, file: str) -> None:
                 raise refuse(f"{section}{name}", "is empty; leave the key out where there is none.")
             if isinstance(value, str) and "\0" in value:
                 raise refuse(f"{section}{name}", "holds a zero byte, which no name of a file has.")
+    try:
+        limits_for(config.robot)
+    except LimitsError as error:
+        raise refuse("robot", str(error)) from error
     try:
         parse_version(fri.version)
     except UnknownFriVersion as error:

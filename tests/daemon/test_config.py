@@ -73,6 +73,10 @@ def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
     ("text", "field"),
     [
         ("robott: iiwa14", "robott"),
+        ("robot: iiwa15", "robot"),
+        ("arms: {left: {robot: iiwa15}}", "robot"),
+        ("run: {tool: 2.5@0,0,0.06}", "run"),
+        ("arms: {left: {tool: 2.5@0,0,0.06}}", "arms[...]"),
         ("fri: {bind_prt: 1}", "fri"),
         ("fri: {bind_port: many}", "fri.bind_port"),
         ("fri: {bind_port: 70000}", "fri.bind_port"),
@@ -111,6 +115,12 @@ def test_a_mistake_is_named_by_file_and_field(tmp_path: Path, text: str, field: 
     assert caught.value.exit_code == 78
     assert caught.value.field == field
     assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["fri: {version: 1.15}", "run: {serial: 222}", "run: {tool: 2.5@0,0,0.06}"])
+def test_what_lacks_quotes_is_asked_for_with_quotes(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigurationError, match="needs quotes"):
+        load_config(_written(tmp_path / "lab.yaml", text))
 
 
 @pytest.mark.parametrize("text", ["a: [", "\t- x", "- 1", "just words"])
