@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 
-from daemon.api import RUN_NAME, RunOutcome, WorkerStatus
+from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, RunOutcome, WorkerStatus
 from daemon.errors import FolderGoneError, LogIOError
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
@@ -49,8 +49,9 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     if outcome.outcome in ("refused", "fault"):
         return "Next: mend what the first sentence names; nothing moves until then."
     if outcome.outcome in ("stopped", "dropped"):
+        last = f"{folder}/{LAST_SAMPLES_NAME}" if request is None else find_run_file(request, LAST_SAMPLES_NAME)
         return (
-            f"Next: find the cause in the first sentence ({folder}/last_samples.json has the seconds around it); a new "
+            f"Next: find the cause in the first sentence ({last} has the seconds around it); a new "
             "run begins from where the arm stands."
         )
     if outcome.judgement.get("passed") is False:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from daemon.motion.preparation import prepare_motion
 from daemon.motion.tip_speed import T1_SPEED_M_S
 from daemon.run.judgement import judgement_remarks
 from daemon.run.next_step import next_step
+from daemon.run.spare_folder import spare_folder
 
 from .producer import make_request
 
@@ -78,6 +80,23 @@ def test_a_command_to_copy_finds_a_recording_in_a_folder_with_a_space(tmp_path: 
     said = next_step(outcome, None), f"`{command_for(job)}`", judgement_remarks(judgement)[-1]
     for sentence in said:
         assert recording in shlex.split(sentence.split("`")[1]), sentence
+
+
+def test_the_seconds_around_a_stop_are_named_where_a_full_disk_let_them_be_written(tmp_path: Path) -> None:
+    """The truth is where the file really lies: beside the run's folder, which took no more bytes."""
+    request = make_request(tmp_path, run_id=f"one-{tmp_path.parent.name}")
+    file = spare_folder(request) / "last_samples.json"
+    file.write_text("{}")
+    try:
+        report = LoopReport(outcome="stopped", reason="DISK_FULL", sentence="", standstill_confirmed=True,
+                            phases=(PhaseSpan(phase="EXCITATION"),), answered=9)  # fmt: skip
+        outcome = RunOutcome(
+            run_id="one", outcome="stopped", exit_code=1, sentences=(), out_dir=request.out_dir, loop=report,
+            request=request,
+        )  # fmt: skip
+        assert str(file) in next_step(outcome, None)
+    finally:
+        shutil.rmtree(file.parent)
 
 
 def test_the_first_rung_of_the_shipped_motion_is_slow_enough_for_t1_and_the_whole_motion_is_not() -> None:
