@@ -48,7 +48,7 @@ from daemon.run.account import leave_outcome
 from daemon.run.link_diagnostics import diagnostics_of
 from daemon.run.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from daemon.run.outcome import keep_last_samples, loop_report_without_loop
-from daemon.run.supervision import Supervision
+from daemon.run.supervision import Supervision, silence_s
 from fri_client.errors import CodecError
 from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
 from fri_client.messages import CommandMessage, FriVersion
@@ -90,6 +90,7 @@ class Recorder:
         """
         self._live = live
         self._job = job
+        self._began_s = time.monotonic()
         self._ring = ring
         self._report = report
         self._codec = Codec(FriVersion.parse(job.request.fri_version))
@@ -248,11 +249,12 @@ class Recorder:
 
     @property
     def is_abandoned(self) -> bool:
-        """True when the supervisor is gone and the loop has been silent for ORPHAN_PATIENCE_S."""
+        """True when the supervisor is gone and the loop has been silent for ORPHAN_PATIENCE_S, also one that has still
+        to say its first word: it is being started, and will answer the robot.
+        """
         if not self._supervision.is_orphan:
             return False
-        last_word = self._ring.status.time_ns * 1e-9
-        return time.monotonic() - last_word > ORPHAN_PATIENCE_S
+        return silence_s(self._ring.status.time_ns, self._began_s) > ORPHAN_PATIENCE_S
 
     def _close(self) -> int:
         if not self._ring.finished:

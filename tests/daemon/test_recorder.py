@@ -28,6 +28,7 @@ from daemon.errors import LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.log.stream import PatientFile
 from daemon.run.recorder import Recorder, main
+from daemon.run.supervision import Supervision
 from fri_client.handover.ring import EventCode, HandoverRing
 
 from .producer import Producer, make_job
@@ -245,6 +246,20 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     assert "brakes by itself" in outcome.sentences[0]
     assert any("written by the recorder" in sentence for sentence in outcome.sentences)
     assert not (tmp_path / "recorder0.json").exists()
+
+
+def test_a_recorder_waits_for_a_loop_that_was_still_being_started_when_the_supervisor_was_killed(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a loop answers the robot until it misses the supervisor: what it hears is no "nothing came"."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as supervisor:
+        pass
+    recorder = Recorder(make_job(tmp_path), ring, [].append, supervision=Supervision(ring, supervisor.pid))
+    assert ring.status.time_ns == 0  # the loop has not said a word
+    assert not recorder.is_abandoned
+    monkeypatch.setattr("daemon.run.recorder.ORPHAN_PATIENCE_S", 0.0)
+    assert recorder.is_abandoned
+    assert recorder.run() == 0
 
 
 def test_the_metadata_name_arm_date_and_load(tmp_path: Path, ring: HandoverRing) -> None:
