@@ -38,12 +38,17 @@ SettleOption = Annotated[
 
 
 def mass_of(text: str | None) -> AddedMass | None:
-    """The mass of KG@X,Y,Z, of 0 kg for `none`. Raises a usage error for anything else."""
+    """The mass of KG@X,Y,Z, of 0 kg for `none`. Raises a usage error for anything else, also for what no tool
+    can be, such as a place in mm.
+    """
+    from daemon.cli.acquisition import tool_from
     from identification.investigation.added_mass import AddedMass
 
     if text == "none":
         return AddedMass(0.0, (0.0, 0.0, 0.0))
     try:
-        return None if text is None else AddedMass.parse(text)
+        mass = None if text is None else AddedMass.parse(text)
     except ValueError as error:
         raise typer.BadParameter(f"--added-mass '{text}' is no KG@X,Y,Z, such as 2.0@0,0,0.05, nor none.") from error
+    tool_from(text)
+    return mass

@@ -323,6 +323,8 @@ def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
             "a recording cannot confirm what was fitted to it",
         ),
         (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
+        (("--budget", "3", "--plan-only", "--added-mass", "2@0,0,50"), 2, "from the flange"),
+        (("--budget", "3", "--plan-only", "--added-mass", "2000@0,0,0"), 2, "kg"),
         (("--budget", "2", "--bind", "192.168.1.2:30200", "--yes"), 2, "--yes is for a fake robot"),
         ((), 2, "--budget"),
     ],
