@@ -5,7 +5,6 @@ Loaded when a motion is designed, and not for the command's help.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,8 +13,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from daemon.cli.output import data, message, show_table
-from daemon.cli.protection import in_its_folder
+from daemon.cli.output import data, message, show_table, write_json
 from daemon.motion.clearance import Room, room_of, safe_in
 from daemon.motion.workspace import Surroundings, load_surroundings
 from identification.arrays import FloatArray
@@ -203,9 +201,9 @@ def read_numbers(option: str, parts: list[str], count: int) -> list[float]:
 
 
 def write(trajectory: Trajectory, target: Path, table: bool) -> dict[str, Any]:
-    """Write a motion; its document. table: with its rows at 1 kHz."""
+    """Write a motion; its document. table: with its rows at 1 kHz. Raises LogIOError, which names the file."""
     document = trajectory.to_json(table_rate_hz=1000.0 if table else None)
-    in_its_folder(target).write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(target, document)
     return document
 
 

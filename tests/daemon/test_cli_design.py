@@ -28,6 +28,14 @@ def test_a_reference_motion_of_any_robot_is_written_inside_its_limits(kind: str,
     assert 0.1 < np.max(np.abs(np.diff(table, axis=0))) * 1000.0 <= 2.0
 
 
+def test_a_motion_that_finds_no_room_on_the_disk_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """/dev/full is the kernel's own full disk; its error carries no file. By a link, so that nothing can replace it."""
+    full = tmp_path / "motion.json"
+    full.symlink_to("/dev/full")
+    assert run("design", "--reference", "sine_series", "--out", str(full)) == 74
+    assert f"{full}: No space left on device." in "".join(capsys.readouterr().err.split("\n"))
+
+
 @pytest.mark.parametrize(
     ("words", "code"),
     [
