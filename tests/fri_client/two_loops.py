@@ -122,7 +122,9 @@ class Bench:
             assert all(address == ROBOT for _, _, address in channel.sent)
             answers.append(tuple(data for _, data, _ in channel.sent))
             channel.sent.clear()
-            self.outcomes[index] = loop._ending.outcome(self.clock.now, 0, loop._faults, silent=loop._silence_told)
+            self.outcomes[index] = loop._ending.outcome(
+                self.clock.now, 0, loop._faults, silent=loop._silence_told, unusable=False
+            )
         assert answers[0] == answers[1]
         assert self.outcomes[0] == self.outcomes[1]
         for command in map(self.codec.decode_command, answers[0]):
