@@ -76,8 +76,9 @@ def turned_joint(
         geometry = Geometry(robot, rows.turned(joint, with_torque=False))
         for with_torque in (False, True):
             other = Directions.of(geometry, torques[joint] if with_torque else rows.torque)
-            gain = stated.gain_of(other, max(least_gain, LEAST_GAIN, 0.0 if best is None else best.gain), rivals[joint])
-            if gain is not None:
+            gain = stated.gain_of(other, max(least_gain, LEAST_GAIN), rivals[joint])
+            # Readings are held against each other by what each gains on the signs as stated, not on its own rival.
+            if gain is not None and (best is None or gain > best.gain):
                 best = TurnedJoint(joint + 1, with_torque, gain)
     return best
 

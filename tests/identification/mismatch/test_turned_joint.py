@@ -72,6 +72,19 @@ def test_a_fit_without_a_solution_blames_the_joint_that_counts_the_other_way() -
     assert refusal.value.exit_code == 65
 
 
+def test_of_two_joints_that_both_gain_the_likelier_is_named(tmp_path: Path) -> None:
+    """Each was held against its own rival by what the one before it had gained, so the first of them was named."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(random_arm(5, 1))
+    robot = load_robot(file)
+    states = fourier_motion(5, period_s=20.0, samples=2000, seed=1)
+    torque = inverse_dynamics(robot, random_bodies(5, 1), *states)
+    torque += 0.02 * torque.std(axis=0) * np.random.default_rng(3).standard_normal(torque.shape)
+    found = turned_joint([turned(recording_of(states[0], torque, period_s=20.0), 2, "position")], robot)
+    assert found is not None
+    assert (found.joint, found.with_torque) == (2, False)
+
+
 @pytest.mark.parametrize("joint", [None, 1, 2, 3, 4])
 def test_a_torque_that_alone_has_the_wrong_sign_is_no_turned_joint(
     arm: tuple[Recording, RobotModel], joint: int | None
