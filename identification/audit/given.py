@@ -150,7 +150,7 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
         hidden = sizes.each.reshape(n, PARAMETERS) * (HIDDEN * np.nan_to_num(left) / (DRIVE * sizes.torque))[:, None]
         known += np.diag(np.where(missing, hidden.ravel(), 0.0) ** 2)
         known += np.diag(_at_another_speed(np.nan_to_num(left), model.speed_rms(n), sizes.speed).ravel() ** 2)
-        delay = _delay(model.data.get("provenance", {}).get("torque_delay", {}))
+        delay = _delay(model.data.get("provenance", {}))
     else:
         drawn = DRAWN * sizes.each.reshape(n, PARAMETERS)
         drawn[:, INERTIAL:] = 0.0
@@ -174,12 +174,16 @@ def _at_another_speed(left: FloatArray, its_own: FloatArray | None, here: FloatA
     return result
 
 
-def _delay(entry: Mapping[str, Any]) -> tuple[float, float]:
-    """How late the torque of a fit's recordings was, and how well that is known of another run, s; zeros without."""
-    common, std = entry.get("common_s"), entry.get("common_std_s")
-    if common is None or std is None:
+def _delay(provenance: Mapping[str, Any]) -> tuple[float, float]:
+    """How late the torque of a fit's recordings was beside its parameters, and how well that is known of another run,
+    s; zeros without. Parameters that were fitted to a late torque as it was have part of the delay in them.
+    """
+    entry = provenance.get("torque_delay", {})
+    which = "common" if any(provenance.get("torque_shift_s") or ()) or "first_s" not in entry else "first"
+    late, std = entry.get(f"{which}_s"), entry.get(f"{which}_std_s")
+    if late is None or std is None:
         return 0.0, 0.0
-    return float(common), float(np.hypot(std, DAILY_DELAY_S))
+    return float(late), float(np.hypot(std, DAILY_DELAY_S))
 
 
 def places_of(regressor: BaseRegressor) -> IntArray:

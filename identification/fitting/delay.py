@@ -31,7 +31,9 @@ _MOST_ROUNDS = 20
 class TorqueDelay:
     """How much later the torque is than the position, s; negative: earlier.
 
-    common, common_std: one for all joints. per_joint, per_joint_std: (n,), nan for a joint without varying torque.
+    common, common_std: one for all joints, which are taken to agree. per_joint, per_joint_std: (n,), nan for a joint
+    without varying torque. first, first_std: of one column beside parameters that were fitted without a delay and took
+    part of it: what a model of these parameters leaves. With periods as common.
     spread_common, spread_per_joint: (p, p) covariance that the base parameters have from not knowing them better.
     """
 
@@ -39,6 +41,8 @@ class TorqueDelay:
     common_std: float
     per_joint: FloatArray
     per_joint_std: FloatArray
+    first: float
+    first_std: float
     spread_common: FloatArray
     spread_per_joint: FloatArray
 
@@ -54,11 +58,30 @@ class TorqueDelay:
             return self.spread_common
         return self.spread_per_joint if correction == "per_joint" else np.zeros_like(self.spread_common)
 
+    @property
+    def std_between_joints(self) -> float:
+        """σ of the common delay, s, where joints may differ: friction beyond the model makes each late by its own.
+
+        Their variance is DerSimonian and Laird's; each joint counts with its weight in the common delay.
+        """
+        known = np.isfinite(self.per_joint)
+        if not known.any():
+            return float("nan")
+        weight, late = 1.0 / self.per_joint_std[known] ** 2, self.per_joint[known]
+        total = float(weight.sum())
+        beyond = float(weight @ (late - weight @ late / total) ** 2) - (len(late) - 1)
+        free = total - float((weight**2).sum()) / total
+        variance = max(0.0, beyond) / free if free > 0.0 else 0.0
+        return float(np.sqrt(self.common_std**2 + variance * float((weight**2).sum()) / total**2))
+
     def to_json(self) -> dict[str, Any]:
         """The delays as plain JSON types, seconds."""
         return {
             "common_s": self.common,
             "common_std_s": self.common_std,
+            "std_between_joints_s": self.std_between_joints,
+            "first_s": self.first,
+            "first_std_s": self.first_std,
             "per_joint_s": json_list(self.per_joint),
             "per_joint_std_s": json_list(self.per_joint_std),
         }
@@ -70,18 +93,17 @@ class TorqueDelay:
             for value, std in zip(self.per_joint, self.per_joint_std, strict=True)
         )
         return (
-            f"The torque comes {1e3 * self.common:+.2f} ± {1e3 * self.common_std:.2f} ms after the position, all "
-            f"joints together; by joint {joints} ms (friction beyond the model looks like a delay too)."
+            f"The torque comes {1e3 * self.common:+.2f} ± {1e3 * self.std_between_joints:.2f} ms after the position, "
+            f"all joints together; by joint {joints} ms (friction beyond the model looks like a delay too)."
         )
 
 
 def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegressor, estimator: str) -> TorqueDelay:
     """Delays of the recordings together. blocks: of the fit, unweighted. values: (p,) base parameters of the fit.
 
-    estimator: ols, weighted or maximum_likelihood. The column is linear in δ to (2π f δ)²: 0.1 % for 5 ms at 1 Hz, and
-    useless for the 60 Hz to which periods are compared. There a delay is taken off and the rest measured, until it is
-    small. Without periods the band is as low as the motion, and one step tells 25 ms to 1 %; further ones would follow
-    friction beyond the model.
+    estimator: ols, weighted or maximum_likelihood. The column is linear in δ to (2π f δ)², useless for the 60 Hz to
+    which periods are compared, and its torque is that of parameters which took part of the delay. So a delay is taken
+    off and the rest measured, until it is small.
     """
     blocks = [block for block in blocks if block.fitted.any()]
     rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
@@ -89,37 +111,52 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     size = np.array([sum(float((rate[:, j] ** 2).sum()) for rate in rates) for j in range(joints)])
     moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
     per_joint, per_joint_std = np.full(joints, np.nan), np.full(joints, np.nan)
+    nothing, unknown = np.zeros((regressor.size, regressor.size)), float("nan")
     if moving.size == 0:
-        nothing = np.zeros((regressor.size, regressor.size))
-        return TorqueDelay(float("nan"), float("nan"), per_joint, per_joint_std, nothing, nothing)
-    own = _taken_off(blocks, rates, np.eye(joints)[:, moving], regressor, estimator)
+        return TorqueDelay(unknown, unknown, per_joint, per_joint_std, unknown, unknown, nothing, nothing)
+
+    def taken_off(where: FloatArray, start: FloatArray, rounds: int = _MOST_ROUNDS) -> tuple[FloatArray, ...]:
+        return _taken_off(blocks, where, start, values, regressor, estimator, rounds)
+
+    every, at_once = np.ones((joints, 1)), np.zeros(1)
+    (common,), (common_std,), spread = taken_off(every, at_once)
+    periods = any(block.signals.row_time is None for block in blocks)
+    (first,), (first_std,), _ = ((common,), (common_std,), spread) if periods else taken_off(every, at_once, 1)
+    # From far away a joint of its own may come to rest a turn of the highest line off.
+    own = taken_off(np.eye(joints)[:, moving], np.full(moving.size, common))
     per_joint[moving], per_joint_std[moving], spread_per_joint = own
-    (common,), (common_std,), spread = _taken_off(blocks, rates, np.ones((joints, 1)), regressor, estimator)
-    return TorqueDelay(float(common), float(common_std), per_joint, per_joint_std, spread, spread_per_joint)
+    return TorqueDelay(
+        float(common), float(common_std), per_joint, per_joint_std, float(first), float(first_std), spread,
+        spread_per_joint,
+    )  # fmt: skip
 
 
 def _taken_off(
-    blocks: list[Block], rates: list[FloatArray], joints: FloatArray, regressor: BaseRegressor, estimator: str
+    blocks: list[Block],
+    joints: FloatArray,
+    start: FloatArray,
+    values: FloatArray,
+    regressor: BaseRegressor,
+    estimator: str,
+    rounds: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(k,) delays and their σ, s, and the (p, p) covariance that base parameters have from them.
 
-    rates: (R, n) Nm/s of each block. joints: (n, k), ones where a delay acts.
+    joints: (n, k), ones where a delay acts. start: (k,) s, near the delays. values: (p,) base parameters to start with.
     """
-    total = np.zeros(joints.shape[1])
-    moved = blocks
-    rounds = _MOST_ROUNDS if any(block.signals.row_time is None for block in blocks) else 1
+    total = np.where(np.abs(start) > SMALL_DELAY_S, start, 0.0)
     for _ in range(rounds):
-        found = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
-        values, late = found.values[: regressor.size], _MILLISECOND * found.values[regressor.size :]
-        total += late
-        if np.abs(late).max() <= SMALL_DELAY_S:
-            break
-        rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
-        signals = [earlier(block.signals, joints @ total) for block in blocks]
+        signals = [earlier(block.signals, joints @ total) if total.any() else block.signals for block in blocks]
         moved = [
             replace(block, torque=block.signals.project(item.torque))
             for block, item in zip(blocks, signals, strict=True)
         ]
+        rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
+        found = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
+        values, late = found.values[: regressor.size], _MILLISECOND * found.values[regressor.size :]
+        total = total + late
+        if np.abs(late).max() <= SMALL_DELAY_S:
+            break
     beside = found.covariance[: regressor.size, regressor.size :]
     own = found.covariance[regressor.size :, regressor.size :]
     spread = beside @ np.linalg.solve(own, beside.T)

@@ -191,7 +191,8 @@ def _estimation(provenance: Json) -> tuple[tuple[str, str], ...]:
         facts.append(("Condition of the regressor", rounded(provenance["condition_number"])))
     delay = provenance.get("torque_delay")
     if delay:
-        value, sigma = with_sigma(1e3 * delay["common_s"], 1e3 * delay["common_std_s"])
+        std = delay.get("std_between_joints_s", delay["common_std_s"])
+        value, sigma = with_sigma(1e3 * delay["common_s"], 1e3 * std)
         facts.append(("Torque behind position", f"{value} ± {sigma} ms (friction beyond the model looks like it too)"))
     sign = provenance.get("torque_sign")
     if sign:

@@ -272,7 +272,17 @@ def white_noise_std(regressor: BaseRegressor) -> np.ndarray:
     return np.asarray(0.05 / np.sqrt(4) * deviation[: regressor.size])
 
 
-def test_a_delay_is_measured_in_a_band_in_which_it_is_more_than_a_turn() -> None:
+@pytest.mark.parametrize("pipeline", ["periodic", "aperiodic"])
+def test_a_delay_that_is_no_small_change_of_the_torque_is_measured(pipeline: str) -> None:
+    """With periods up to 60 Hz are compared, where it is more than a turn; without, it is as long as friction turns."""
+    recording = iiwa_recording(delay=0.025)
+    settings = FitSettings(pipeline=pipeline, physical=False)  # type: ignore[arg-type]
+    late = fit_recordings([recording], load_robot("iiwa14"), settings).torque_delay
+    assert abs(late.common - 0.025) < 4.0 * late.std_between_joints < 1e-3
+    assert np.all(np.abs(late.per_joint - 0.025) < 4.0 * late.per_joint_std)
+
+
+def test_a_delay_of_many_samples_is_taken_off_where_periods_repeat() -> None:
     recording = iiwa_recording(delay=0.025)
     settings = FitSettings(pipeline="periodic", physical=False, delay_correction="common")
     result = fit_recordings([recording], load_robot("iiwa14"), settings)

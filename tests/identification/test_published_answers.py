@@ -53,7 +53,8 @@ def med7() -> FitResult:
 def test_the_med_7_s_torque_is_as_late_as_its_stack_makes_it(med7: FitResult) -> None:
     """Late by 28 ± 1.7 ms, 16 to 43 by joint: that stack low-passes at 10 Hz."""
     delay = med7.torque_delay
-    assert abs(1e3 * delay.common - 28.0) < 2.0 * np.hypot(1e3 * delay.common_std, 1.7)
+    assert abs(1e3 * delay.common - 28.0) < 2.0 * np.hypot(1e3 * delay.std_between_joints, 1.7)
+    assert 1e3 * delay.common > 10.0 * 1e3 * delay.common_std
 
 
 def test_the_sign_that_the_med_7_s_source_has_is_refused_with_all_joints() -> None:
