@@ -72,7 +72,7 @@ class GivenModel:
     """values: (14 n,) with covariance (14 n, 14 n) on the day it was made. daily: (14 n,) standard deviation by which
     friction and offsets differ on another day. own: fitted to a recording of the arm, else drawn. left: (n,) Nm RMS
     that it leaves of its own recordings, nan where it does not say. delay_s, delay_std_s: how late the torque of its
-    own recordings was; only another delay is a difference.
+    own recordings was; only another delay is a difference. rotors: whether it could have said that drives have inertia.
     """
 
     name: str
@@ -83,6 +83,7 @@ class GivenModel:
     left: FloatArray
     delay_s: float
     delay_std_s: float
+    rotors: bool
 
     def covariance_on(self, day: float) -> FloatArray:
         """(14 n, 14 n) where friction differs so many times as much as from day to day."""
@@ -156,7 +157,8 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
         drawn[:, INERTIAL:] = 0.0
         drawn[:, INERTIAL:-1] = REST_OPEN * sizes.each.reshape(n, PARAMETERS)[:, INERTIAL:-1]
         known += np.diag(drawn.ravel() ** 2)
-    return GivenModel(name, mean, known, daily.ravel(), own, left, *delay)
+    rotors = own or regressor.options.rotor_inertia
+    return GivenModel(name, mean, known, daily.ravel(), own, left, *delay, rotors)
 
 
 def _at_another_speed(left: FloatArray, its_own: FloatArray | None, here: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
-from identification.audit.given import Sizes
+from identification.audit.given import GivenModel, Sizes
 
 ODDS = {
     "payload": 0.15,
@@ -24,6 +24,7 @@ ODDS = {
     "torque_sensor_gain": 0.1,
     "common_gain": 0.1,
     "rotor_inertia": 0.05,
+    "rotor_inertias": 0.4,
     "joint_zero_offset": 0.05,
     "base_tilt": 0.1,
     "torque_delay": 0.05,
@@ -109,14 +110,15 @@ class Hypothesis:
         return self.link is not None
 
 
-def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolute: BoolArray) -> list[
+def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, model: GivenModel, revolute: BoolArray) -> list[
     Hypothesis
 ]:  # fmt: skip
     """Every hypothesis. rms: (K,) of each column over all joints; columns that are zero have no hypothesis.
 
     But for gravity: its two tangents turn with it, so one without torque here has some where the base stands otherwise.
 
-    own: whether the model is a fit of this arm, where a link does not change but what hangs on it does.
+    In a fit of this arm a link does not change but what hangs on it does. A file without rotor inertias lacks those of
+    all joints, where the torque is measured on the motors' side.
     """
     n = layout.n
     result: list[Hypothesis] = []
@@ -140,7 +142,7 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolut
         odds = ODDS["payload"] if link == n - 1 else ODDS["payload_elsewhere"] / n
         add("payload", odds, inertial[:4], width[:4], link=link)
         add("payload", 0.5 * odds, inertial, width, link=link)
-        odds = ODDS["link_parameters" if own else "drawn_link_parameters"] / n
+        odds = ODDS["link_parameters" if model.own else "drawn_link_parameters"] / n
         add("link_parameters", odds, inertial, sizes.each[inertial], link=link)
     for joint in range(n):
         viscous, coulomb, offset, rotor = (layout.parameter(joint, symbol) for symbol in SYMBOLS[INERTIAL:])
@@ -156,6 +158,9 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, own: bool, revolut
                 "joint_zero_offset", ODDS["joint_zero_offset"] / n, [layout.zero + joint], [ZERO_WIDTH_RAD],
                 joint=joint, bends=True,
             )  # fmt: skip
+    if not model.rotors:
+        every = [layout.parameter(joint, "IA") for joint in range(n)]
+        add("rotor_inertia", ODDS["rotor_inertias"], every, sizes.each[every])
     add("torque_sensor_gain", ODDS["common_gain"], [layout.gain + n], [GAIN_WIDTH])
     add("base_tilt", ODDS["base_tilt"], [layout.tilt, layout.tilt + 1], 2 * [TILT_WIDTH_RAD], bends=True)
     add("torque_delay", ODDS["torque_delay"], [layout.delay], [DELAY_WIDTH_S], bends=True)

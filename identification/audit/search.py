@@ -133,7 +133,7 @@ def possible(first: Explanation) -> list[Hypothesis]:
     products, n = first.comparison.products, first.layout.n
     rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
     revolute = first.comparison.geometry.robot.kinematics.revolute
-    return hypotheses(first.layout, first.sizes, rms, first.model.own, revolute)
+    return hypotheses(first.layout, first.sizes, rms, first.model, revolute)
 
 
 def gain_of(now: Explanation, item: Hypothesis) -> float:
@@ -278,7 +278,9 @@ def _heard(now: Explanation, after: Explanation) -> FloatArray:
 
 
 def _plausible(after: Explanation) -> bool:
-    """Whether the numbers can be those of the thing: a load weighs and is in reach, a clock no tenth of another."""
+    """Whether the numbers can be those of the thing: a load weighs and is in reach, a clock is no tenth of another, and
+    rotors that a file lacks have no inertia below zero.
+    """
     item = after.steps[-1]
     values, covariance = after.deviation_of_last()
     if item.effect == "payload":
@@ -287,6 +289,8 @@ def _plausible(after: Explanation) -> bool:
         moments = [k for k, column in enumerate(item.columns) if 1 <= int(column) % PARAMETERS <= 3]
         reach = FARTHEST * float(after.sizes.length.max())
         return float(np.linalg.norm(values[moments])) < reach * abs(float(values[0]))
+    if item.effect == "rotor_inertia" and item.joint is None:
+        return bool(np.all(values > -WEIGHS * np.sqrt(np.diag(covariance))))
     if item.effect == "wrong_time_base":
         return SLOWEST < after.comparison.set_up.ratio * float(np.exp(values[0])) < 1.0 / SLOWEST
     return True

@@ -25,7 +25,7 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
     """What a step says, with its numbers. first, last: the set-up before and after the whole search."""
     hypothesis = step.hypothesis
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    joint, link = _from_one(hypothesis.joint), _from_one(hypothesis.link)
+    joint, link, joints = _from_one(hypothesis.joint), _from_one(hypothesis.link), tuple[int, ...]()
     match hypothesis.effect:
         case "payload":
             numbers, text = _load(found, std, robot, link or 0)
@@ -40,6 +40,10 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
         case "torque_offset":
             numbers = _drive(hypothesis, found.values, std)
             text = f"Joint {joint} has a constant torque of {with_interval(numbers[0])} besides"
+        case "rotor_inertia" if joint is None:
+            numbers, joints = _rotors(hypothesis, found.values, std, robot)
+            each = ", ".join(with_interval(item) for item in numbers)
+            text = f"{source} has no rotor inertias: those of joints {', '.join(map(str, joints))} are {each}"
         case "rotor_inertia":
             numbers = _drive(hypothesis, found.values, std)
             text = f"The rotor inertia of joint {joint} is larger by {with_interval(numbers[0])}"
@@ -74,7 +78,9 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
         text += ", or as likely " + ", or ".join(_in_words(effect, place, robot.n) for effect, place in others)
     sentence = f"{text}: {100.0 * step.explained:.0f} % of the difference to {source}."
     against = "recording" if hypothesis.effect in DATA_FAULTS else "model"
-    return Difference(hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence, others)
+    return Difference(
+        hypothesis.effect, joint, link, numbers, step.explained, step.gain, against, sentence, others, joints
+    )
 
 
 def _in_words(effect: str, place: int | None, last: int) -> str:
@@ -137,6 +143,17 @@ def _body(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[
 def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
     names, units = zip(*(_FRICTION[SYMBOLS[int(column) % PARAMETERS]] for column in hypothesis.columns), strict=True)
     return numbers_of(names, values, std, units)
+
+
+def _rotors(
+    hypothesis: Hypothesis, values: FloatArray, std: FloatArray, robot: RobotModel
+) -> tuple[tuple[Number, ...], tuple[int, ...]]:
+    """Those that are more than their own uncertainty, with their joints."""
+    joints = [int(column) // PARAMETERS for column in hypothesis.columns]
+    seen = [row for row in range(len(joints)) if abs(values[row]) > 1.96 * std[row]]
+    units = ["kg m^2" if robot.kinematics.revolute[joints[row]] else "kg" for row in seen]
+    names = [f"rotor_inertia_{joints[row] + 1}" for row in seen]
+    return numbers_of(names, values[seen], std[seen], units), tuple(joints[row] + 1 for row in seen)
 
 
 def _tilt(found: Found, first: SetUp, last: SetUp) -> tuple[tuple[Number, ...], str]:

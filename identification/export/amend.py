@@ -124,8 +124,10 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
                     f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
                     "file has a place for: apply it as a joint torque."
                 )
-        elif item.effect == "rotor_inertia" and item.joint is not None and has_armature:
-            wanted.drives["IA"][item.joint - 1] = numbers["rotor_inertia"]
+        elif item.effect == "rotor_inertia" and has_armature:
+            joints = item.joints if item.joint is None else (item.joint,)
+            for joint, number in zip(joints, item.numbers, strict=True):
+                wanted.drives["IA"][joint - 1] = number.value
         elif item.effect == "base_tilt":
             wanted.gravity = np.array([numbers[f"gravity_{axis}"] for axis in "xyz"])
         else:
