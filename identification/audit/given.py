@@ -139,7 +139,7 @@ def given_model(model: Model | FloatArray, regressor: BaseRegressor, sizes: Size
     known = np.diag(open_std**2) - gain @ (image * open_std**2)
     known = 0.5 * (known + known.T) + np.diag((1e-6 * sizes.each) ** 2)
     daily = np.zeros((n, PARAMETERS))
-    left, delay = np.full(n, np.nan), (0.0, 0.0)
+    left, delay = np.full(n, np.nan), (0.0, DAILY_DELAY_S)
     if isinstance(model, Model):
         friction = slice(INERTIAL, INERTIAL + 2)
         daily[:, friction] = DAILY_FRICTION * np.abs(mean.reshape(n, PARAMETERS)[:, friction])

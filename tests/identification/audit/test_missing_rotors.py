@@ -67,6 +67,15 @@ def test_beside_rotors_a_late_torque_is_late_and_without_any_none_is_named(
     assert not audit([record(iiwa14, consistent(table3), 0.0 * ROTORS)], iiwa14, files["urdf"]).differences
 
 
+@pytest.mark.parametrize(("late_s", "named"), [(0.002, []), (0.008, ["torque_delay"])])
+def test_a_cycle_or_two_of_a_logger_is_no_late_torque_beside_a_file(
+    iiwa14: RobotModel, table3: PhysicalParameters, files: dict[str, Path], late_s: float, named: list[str]
+) -> None:
+    """A file does not say how its torque would be read, no more than two runs are read alike."""
+    found = audit([record(iiwa14, consistent(table3), 0.0 * ROTORS, late_s)], iiwa14, files["urdf"])
+    assert [item.effect for item in found.differences] == named
+
+
 def test_they_are_written_into_a_file_that_has_a_place_for_them(
     iiwa14: RobotModel, files: dict[str, Path], tmp_path: Path
 ) -> None:
