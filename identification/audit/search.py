@@ -23,8 +23,10 @@ LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""
 FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
-EXPLAINS = 1.0
-"""Deviations by which what a difference takes away is above nothing: without a share of its own nothing is said."""
+EXPLAINS, LEAST_EXPLAINED = 1.0, 0.005
+"""Deviations by which what a difference takes away is above nothing, and the share that is not printed as 0 %: without
+a share of its own nothing is said.
+"""
 LEAST_TORQUE = 0.5
 """Of what the best model leaves of a joint: where a difference makes less it does not act."""
 MOST_STEPS = 5
@@ -245,8 +247,9 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     """Of the first difference, what a step takes away on each part of the recording by what the other parts say of it.
 
     The step by itself, with the parameters at the model's values; of what there was before it where that is more, as
-    one cause may have hidden the other. Zero where that is not beyond its own uncertainty, the scatter of the parts, or
-    where the step takes nothing away beside parameters that are free: then it is not seen.
+    one cause may have hidden the other. Zero where that is not beyond its own uncertainty, the scatter of the parts,
+    where it would be printed as 0 %, or where the step takes nothing away beside parameters that are free: then it is
+    not seen.
     """
     weight = 1.0 / now.noise.std**2
     same_day, after, first = (each.holding(after.steps[-1:]) for each in (replace(now, day=after.day), after, first))
@@ -256,7 +259,8 @@ def _explained(now: Explanation, after: Explanation, first: Explanation) -> floa
     whole = max(float(each.foretold(ALL, True).sum(axis=0) @ weight) for each in (first, same_day))
     if min(alone.sum(), beside.sum()) <= 0.0 or max(_deviations(alone), _deviations(beside)) < EXPLAINS or whole <= 0.0:
         return 0.0
-    return float(alone.sum()) / whole
+    share = float(alone.sum()) / whole
+    return share if share >= LEAST_EXPLAINED else 0.0
 
 
 def _deviations(values: FloatArray) -> float:

@@ -34,6 +34,8 @@ class Told:
         (60.0, 0.95),  # nothing but this cause
         (120.0, 0.475),  # another one took half before
         (15.0, 0.95),  # the two hid each other: 380 % of the first difference was said
+        (10000.0, 0.0057),
+        (20000.0, 0.0),  # "0 % of the difference" was said
     ],
 )
 def test_no_cause_explains_more_than_there_is(first: float, share: float) -> None:
