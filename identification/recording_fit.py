@@ -140,11 +140,12 @@ def fit_recordings(
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
     they may be. misplaced: joints whose positions are exchanged, or one that counts otherwise than the robot's model.
-    changed: what changes within one of them, in words.
+    stand: why the base hardly stands as stated, empty where it may. changed: what changes within one of them, in words.
     """
 
     wrong_unit: str
     misplaced: Exchange | TurnedJoint | None
+    stand: str
     changed: tuple[str, ...]
 
     @classmethod
@@ -156,18 +157,22 @@ class _Misread:
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
         if not misfit.may_be_more_than_noise:
-            return cls(wrong_unit, None, ())
-        from identification.audit.mount import misplaced  # slow to load, and most fits leave nothing but noise
+            return cls(wrong_unit, None, "", ())
+        # Slow to load, and most fits leave nothing but noise.
+        from identification.audit.mount import misplaced, stand_in_doubt
         from identification.audit.partly import notes_on_changes
 
-        return cls(wrong_unit, misplaced(recordings, robot), tuple(notes_on_changes(recordings, robot)))
+        where = misplaced(recordings, robot)
+        stand = "" if where is not None else stand_in_doubt(recordings, robot)
+        return cls(wrong_unit, where, stand, tuple(notes_on_changes(recordings, robot)))
 
     @property
     def notes(self) -> list[str]:
         """A warning for each."""
         misplaced = [] if self.misplaced is None else [f"WARNING, {self.misplaced.sentence.rstrip('.')}"]
         unit = [f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
-        return [*unit, *misplaced, *(f"WARNING, {each}" for each in self.changed)]
+        stand = [f"WARNING, {self.stand.rstrip('.')}"] if self.stand else []
+        return [*unit, *misplaced, *stand, *(f"WARNING, {each}" for each in self.changed)]
 
     @contextmanager
     def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:

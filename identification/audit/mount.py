@@ -142,6 +142,21 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
     return None
 
 
+def stand_in_doubt(recordings: Sequence[Recording], robot: RobotModel) -> str:
+    """What is said of the first recording that contradicts the robot's gravity, but hardly tells another; else empty.
+
+    Of recordings at rest or too short nothing is said, nor of an arm with joints that follow others.
+    """
+    for recording in () if robot.mimics else recordings:
+        try:
+            found = mounting_of([recording], robot, LEAST_GAIN)
+        except RecordingError:
+            continue
+        if found is not None and found.contradicts and not found.tells:
+            return found.sentence
+    return ""
+
+
 def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> Exchange | TurnedJoint | None:
     """As `misplaced_joints`; None where another stand is likelier.
 

@@ -12,6 +12,7 @@ from identification.audit.mount import Mounting, mounting_of, require_stated_sta
 from identification.errors import RecordingError
 from identification.mismatch.set_up import examine_set_up
 from identification.physical_parameters import PhysicalParameters
+from identification.recording_fit import FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.robots import Installation, RobotModel, load_robot
 from tests.identification.exported import random_bodies
@@ -92,6 +93,8 @@ def test_an_arm_of_parallel_axes_on_its_side_is_doubted_though_it_does_not_tell_
         assert ("hardly stands as stated" in stand.sentence) == (side is not level)
         (check,) = (each for each in examine_set_up([recording], level) if each.name == "gravity")
         assert check.status == ("ok" if side is level else "warning")
+        notes = fit_recordings([recording], level, FitSettings(physical=False)).notes
+        assert any(note.startswith("WARNING, The base hardly stands") for note in notes) == (side is not level)
 
 
 def test_the_lean_of_the_med_7_is_what_its_vertical_joint_feels() -> None:
