@@ -119,7 +119,7 @@ def _as_it_shows(
     without any model.
 
     Beside another difference, or friction that nobody knows, a model does not tell these. Taken where the model then
-    makes the recordings clearly likelier.
+    makes the recordings clearly likelier, or as likely by fewer causes.
     """
     robot, rows = given.geometry.robot, given.geometry.rows
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
@@ -139,9 +139,15 @@ def _as_it_shows(
             continue
         instead = replace(given, geometry=Geometry(robot, read)) if moved else given
         again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
-        if _nats(again, taken[0]) >= LEAST_GAIN:
+        fewer = _causes(again, moved) < _causes(taken[0], taken[2])
+        if _nats(again, taken[0]) >= (0.0 if fewer else LEAST_GAIN):
             taken = again, instead, moved
     return taken
+
+
+def _causes(found: Audited, moved: Sequence[Difference]) -> int:
+    """How many things are different, torques that are turned for one."""
+    return len(found.steps) + bool((found.signs < 0.0).any()) + len(moved)
 
 
 def _holds(found: Audited, given: GivenModel) -> bool:
