@@ -110,15 +110,16 @@ class Hypothesis:
         return self.link is not None
 
 
-def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, model: GivenModel, revolute: BoolArray) -> list[
-    Hypothesis
-]:  # fmt: skip
+def hypotheses(
+    layout: Layout, sizes: Sizes, rms: FloatArray, model: GivenModel, revolute: BoolArray, *, clock_known: bool
+) -> list[Hypothesis]:
     """Every hypothesis. rms: (K,) of each column over all joints; columns that are zero have no hypothesis.
 
     But for gravity: its two tangents turn with it, so one without torque here has some where the base stands otherwise.
 
     In a fit of this arm a link does not change but what hangs on it does. A file without rotor inertias lacks those of
-    all joints, where the torque is measured on the motors' side.
+    all joints, where the torque is measured on the motors' side. A clock that a recorded velocity has right is not
+    asked.
     """
     n = layout.n
     result: list[Hypothesis] = []
@@ -164,5 +165,6 @@ def hypotheses(layout: Layout, sizes: Sizes, rms: FloatArray, model: GivenModel,
     add("torque_sensor_gain", ODDS["common_gain"], [layout.gain + n], [GAIN_WIDTH])
     add("base_tilt", ODDS["base_tilt"], [layout.tilt, layout.tilt + 1], 2 * [TILT_WIDTH_RAD], bends=True)
     add("torque_delay", ODDS["torque_delay"], [layout.delay], [DELAY_WIDTH_S], bends=True)
-    add("wrong_time_base", ODDS["wrong_time_base"], [layout.clock], [CLOCK_WIDTH], bends=True)
+    if not clock_known:
+        add("wrong_time_base", ODDS["wrong_time_base"], [layout.clock], [CLOCK_WIDTH], bends=True)
     return result

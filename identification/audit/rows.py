@@ -15,6 +15,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.colour import preceded
 from identification.errors import RecordingError
+from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import process_aperiodic, sixth_order_difference, zero_phase_low_pass
 from identification.signals.processed import ProcessedSignals
@@ -70,7 +71,7 @@ class Rows:
     """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
     friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
     (R,) which stretch of time a row is in. spacing_s: distance of neighbours. smooth: the torque of every stretch, from
-    which a later one is taken.
+    which a later one is taken. clock_known: whether every recording has a velocity that goes with its positions.
     """
 
     position: FloatArray
@@ -83,6 +84,7 @@ class Rows:
     block: IntArray
     spacing_s: float
     smooth: tuple[Smooth, ...]
+    clock_known: bool = False
 
     @property
     def before(self) -> IntArray:
@@ -161,7 +163,9 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = 0.0) -> R
                 )
             )
     arrays: dict[str, Any] = {name: np.concatenate([getattr(item, name) for item in found]) for name in _ARRAYS}
-    joined = replace(found[0], **arrays, smooth=tuple(each for item in found for each in item.smooth))
+    clock_known = all(clock_by_velocity(recording) is not None for recording in recordings)
+    smooth_all = tuple(each for item in found for each in item.smooth)
+    joined = replace(found[0], **arrays, smooth=smooth_all, clock_known=clock_known)
     if int(joined.used.any(axis=1).sum()) < FEWEST_ROWS:
         raise RecordingError.at(
             recordings[0].source.path,

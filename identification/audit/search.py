@@ -134,8 +134,9 @@ def possible(first: Explanation) -> list[Hypothesis]:
     """Every difference that these rows can show."""
     products, n = first.comparison.products, first.layout.n
     rms = np.sqrt(np.einsum("pjaa->a", products.gram) / max(1.0, float(products.count.sum() / n)))
-    revolute = first.comparison.geometry.robot.kinematics.revolute
-    return hypotheses(first.layout, first.sizes, rms, first.model, revolute)
+    geometry = first.comparison.geometry
+    revolute, clock_known = geometry.robot.kinematics.revolute, geometry.rows.clock_known
+    return hypotheses(first.layout, first.sizes, rms, first.model, revolute, clock_known=clock_known)
 
 
 def gain_of(now: Explanation, item: Hypothesis) -> float:

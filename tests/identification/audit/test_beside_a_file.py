@@ -1,10 +1,11 @@
-"""A simulator's file without rotor inertias, and torque measured on the motors' side.
+"""Recordings beside a simulator's file: rotors that it does not have, a torque that is late, a clock.
 
 Truth: the closed form of the paper's arm, rotors, friction and noise added.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,19 @@ def test_a_cycle_or_two_of_a_logger_is_no_late_torque_beside_a_file(
     """A file does not say how its torque would be read, no more than two runs are read alike."""
     found = audit([record(iiwa14, consistent(table3), 0.0 * ROTORS, late_s)], iiwa14, files["urdf"])
     assert [item.effect for item in found.differences] == named
+
+
+@pytest.mark.parametrize("with_velocity", [False, True])
+def test_a_velocity_that_goes_with_the_positions_has_the_clock_right(
+    iiwa14: RobotModel, table3: PhysicalParameters, files: dict[str, Path], with_velocity: bool
+) -> None:
+    """A clock of 4 % was told of a sound recording whose velocity said that there is none."""
+    q, dq, ddq = fourier_motion(7, period_s=20.0, samples=4000, seed=4)
+    torque = inverse_dynamics(iiwa14, consistent(table3), q, 0.8 * dq, 0.64 * ddq)
+    torque += 0.1 * np.random.default_rng(5).standard_normal(q.shape)
+    recording = recording_of(q, torque, period_s=20.0)
+    found = audit([replace(recording, velocity=dq if with_velocity else None)], iiwa14, files["urdf"])
+    assert ("wrong_time_base" in [item.effect for item in found.differences]) == (not with_velocity)
 
 
 def test_they_are_written_into_a_file_that_has_a_place_for_them(
