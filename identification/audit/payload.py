@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.audit.audit import STILL_ITS_OWN
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
@@ -92,7 +92,8 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     factor, width = _prior(sizes, robot.n)
-    estimate, products, weight, rms, bare = _fitted(runs, columns, factor, np.maximum(0.1 * sizes.torque, 1e-9))
+    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    estimate, products, weight, rms, bare = _fitted(runs, columns, factor, std)
     own = slice(PARAMETERS * robot.n, PARAMETERS * robot.n + INERTIAL)
     without_one = np.array(
         [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
@@ -104,7 +105,9 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
-    _refuse_undescribed(bare, float(np.linalg.norm(rms[1])), float(np.linalg.norm(rms[0])), robot.torque_unit)
+    left, load = (bare, float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
+    _refuse_undescribed(*left, load, robot.torque_unit)
+    _refuse_two_arms(left, [_left_alone(*side, factor, std) for side in zip(runs, columns, strict=True)], load, robot)
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -129,6 +132,21 @@ def _refuse_undescribed(without: float, with_load: float, load: float, unit: str
         f"together), and {least:.3g} {unit} of the others. Something changed while they were recorded, such as a tool "
         "picked up or put down, or the two sides are of different arms. Record them again."
     )
+
+
+def _refuse_two_arms(left: Sequence[float], alone: Sequence[float], load: float, robot: RobotModel) -> None:
+    """Two arms of as many joints leave much of both sides, so neither stands out: an arm for each side leaves little.
+
+    left, alone: RMS of the side without and with the tool, all joints together, beside one arm and load, and beside an
+    arm of its own. load: as above.
+    """
+    for side, both, own in zip(("without", "with"), left, alone, strict=True):
+        if both >= max(STILL_ITS_OWN * own, CAPTURE * load):
+            raise EstimationError(
+                f"One load does not describe the difference: beside one arm {both:.3g} {robot.torque_unit} RMS stay of "
+                f"the recordings {side} the tool (all joints together), beside an arm of their own {own:.3g}. The two "
+                "sides are of different arms, or something other than the tool differs. `iiwa-ident compare` says what."
+            )
 
 
 def _refuse_turned(recordings: Sequence[Recording], robot: RobotModel) -> None:
@@ -231,11 +249,22 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatAr
     body = columns[1][..., own] @ estimate.values[own]
     count, loaded = len(runs[0].used), runs[1].used
     sides = ((left[:count], runs[0].used), (np.where(loaded, left[count:] + body, 0.0), loaded), (left[count:], loaded))
-    bare, *rms = (
-        tuple(float(v) for v in np.sqrt((item**2).sum(axis=0) / np.maximum(rows.sum(axis=0), 1)))
-        for item, rows in sides
-    )
+    bare, *rms = (_rms(*side) for side in sides)
     return estimate, products, weight, (rms[0], rms[1]), float(np.linalg.norm(bare))
+
+
+def _left_alone(rows: Rows, columns: FloatArray, factor: FloatArray, std: FloatArray) -> float:
+    """RMS of all joints together that the arm leaves of one side where it is fitted to that side only."""
+    arm = slice(0, PARAMETERS * len(std))
+    products = products_of(columns[..., arm], rows.torque, rows.used, rows.block % PARTS, PARTS)
+    values = posterior(*products.summed(ALL, 1.0 / std**2), factor[arm, arm]).values
+    left = np.where(rows.used, rows.torque - columns[..., arm] @ values, 0.0)
+    return float(np.linalg.norm(_rms(left, rows.used)))
+
+
+def _rms(left: FloatArray, used: BoolArray) -> tuple[float, ...]:
+    """(n,) of what is left, which is zero where a row is not used."""
+    return tuple(float(v) for v in np.sqrt((left**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1)))
 
 
 def _physical(body: FloatArray, flange: Flange) -> FloatArray:

@@ -80,6 +80,20 @@ def test_a_tool_picked_up_while_one_side_was_recorded_is_refused(
     assert "Something changed while they were recorded" in str(refused.value)
 
 
+def test_two_arms_of_as_many_joints_have_no_load_between_them(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], table3: PhysicalParameters
+) -> None:
+    """Much stays of both sides, so neither stands out. The other arm: the bodies of Table 3 in another order."""
+    position, velocity, acceleration = fourier_motion(7, period_s=20.0, samples=2000, seed=4)
+    other = replace(
+        table3, mass=table3.mass[::-1], center_of_mass=table3.center_of_mass[::-1], inertia=table3.inertia[::-1]
+    )
+    torque = inverse_dynamics(iiwa14, other, position, velocity, acceleration)
+    torque += coloured_noise(torque.shape, deviation=NOISE_NM, correlation=0.5, seed=5)
+    with pytest.raises(EstimationError, match="different arms"):
+        weighed(iiwa14, recorded(None, 1), recording_of(position, torque, period_s=20.0))
+
+
 def test_the_intervals_hold_as_often_as_they_say(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
     generator = np.random.default_rng(20261122)
     held, squares = [], []
