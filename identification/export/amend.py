@@ -93,7 +93,8 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
         gravity = wanted.gravity
         # The base of a built-in arm's table is turned against that of a file.
         base = filed.rotation[0] @ robot.kinematics.rotation[0].T
-        write(source, target, replace(changes, turn=_turn(base @ gravity, base @ robot.gravity)))
+        found, stated = base @ gravity, base @ robot.gravity
+        write(source, target, replace(changes, turn=_turn(found, stated), gravity=found))
         wanted.left.append("A turned base is the pose or gravity of a world: a simulator that sets its own undoes it.")
     return Amended(target, tuple(wanted.written), tuple(wanted.left), gravity)
 

@@ -28,6 +28,7 @@ from identification.physical_parameters import pseudo_inertia, symmetric
 class Changes:
     """bodies: joint's name → (4, 4) pseudo-inertia that its link gains, in the file's frame. viscous, coulomb,
     armature: joint's name → what is added. turn: (3, 3) of the base in the world, None where it stands as stated.
+    gravity: (3,) m/s² in the frame of the file's base, None with it.
     """
 
     bodies: Mapping[str, FloatArray]
@@ -35,6 +36,7 @@ class Changes:
     coulomb: Mapping[str, float]
     armature: Mapping[str, float]
     turn: FloatArray | None
+    gravity: FloatArray | None = None
 
 
 def moment_matrix(mass: float, moment: FloatArray, inertia: FloatArray) -> FloatArray:
@@ -209,8 +211,9 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
             stated = float(getattr(compiled, f"dof_{key}")[compiled.joint(name).dofadr[0]])
             new = max(0.0, stated + more)
             setattr(joint_spec, key, [new, 0.0, 0.0] if np.ndim(getattr(joint_spec, key)) else new)
-    if changes.turn is not None:
-        spec.option.gravity = changes.turn.T @ np.array(spec.option.gravity)
+    if changes.gravity is not None:
+        # What the file says of gravity was not read, since the recording's is stated by whoever asks.
+        spec.option.gravity = changes.gravity
     spec.compile()
     for kind, files in (("meshdir", [*spec.meshes, *spec.hfields]), ("texturedir", spec.textures)):
         if files:

@@ -139,6 +139,21 @@ def test_a_simulator_moves_the_arm_as_it_was_found(
         np.testing.assert_allclose(found(*state), expected(*state), rtol=1e-5, atol=2e-4)
 
 
+def test_a_lean_that_an_mjcf_has_already_is_not_written_twice(
+    folder: Path, physical: PhysicalParameters, tmp_path: Path
+) -> None:
+    """The lean was found against gravity as stated, whatever the file says of it: written twice it is not doubled."""
+    source = folder / "arm.xml"
+    for name in ("once.xml", "twice.xml"):
+        changes = [tilt()] if source.parent == tmp_path else [payload(MASS_KG), friction(), tilt()]
+        amend(source, changes, load_robot("iiwa14"), tmp_path / name)
+        source = tmp_path / name
+    expected, found = truth(physical, GRAVITY, MASS_KG), by_mujoco(source)
+    for state in states():
+        # MuJoCo's editor writes six digits.
+        np.testing.assert_allclose(found(*state), expected(*state), rtol=1e-5, atol=2e-4)
+
+
 def test_an_sdf_has_the_load_too(folder: Path, physical: PhysicalParameters, tmp_path: Path) -> None:
     pytest.importorskip("pydrake")
     amend(folder / "arm.sdf", [payload(MASS_KG), friction()], load_robot("iiwa14"), tmp_path / "arm.sdf")
