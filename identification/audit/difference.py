@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +44,11 @@ def with_interval(number: Number, factor: float = 1.0, unit: str | None = None) 
     digits = 2 if half <= 0.0 else max(0, min(6, 1 - math.floor(math.log10(half))))
     text = f"{number.value * factor:z.{digits}f} ± {half:.{digits}f}"
     return f"{text} {number.unit if unit is None else unit}".rstrip()
+
+
+def by_so_much(numbers: Sequence[Number]) -> str:
+    """What is added to each number of friction, with its sign: viscous +0.22 ± 0.02 Nm s/rad, coulomb …"""
+    return ", ".join(f"{item.name} {'+' if item.value > 0.0 else ''}{with_interval(item)}" for item in numbers)
 
 
 @dataclass(frozen=True, slots=True)

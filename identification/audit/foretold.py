@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_SIGMAS, PARTS, REPORT
-from identification.audit.difference import Difference, numbers_of, with_interval
+from identification.audit.difference import Difference, by_so_much, numbers_of
 from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
 
@@ -52,7 +52,6 @@ def lacking_friction(
         if share < LEAST_SHARE or not (np.abs(values) > LEAST_SIGMAS * std)[:2].any():
             continue
         numbers = numbers_of(("viscous", "coulomb", "offset"), values, std, ("Nm s/rad", "Nm", "Nm"))
-        text = ", ".join(f"{item.name} {with_interval(item)}" for item in numbers)
         found.append(
             Difference(
                 "friction_change",
@@ -62,8 +61,8 @@ def lacking_friction(
                 share,
                 float("nan"),
                 "model",
-                f"The friction of joint {joint + 1} is another than {source} says: {text}: {100.0 * share:.0f} % of "
-                "what an offset leaves there.",
+                f"The friction of joint {joint + 1} is another than {source} says, by {by_so_much(numbers)}: "
+                f"{100.0 * share:.0f} % of what an offset leaves there.",
             )
         )
     return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.columns import HEAVY, PARAMETERS, SYMBOLS, SetUp, across
-from identification.audit.difference import Difference, Number, numbers_of, with_interval
+from identification.audit.difference import Difference, Number, by_so_much, numbers_of, with_interval
 from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
 from identification.audit.search import Step
@@ -34,9 +34,7 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             text = f"The body of link {link} is another than {source} says"
         case "friction_change":
             numbers = _drive(hypothesis, found.values, std)
-            text = f"The friction of joint {joint} is another: " + ", ".join(
-                f"{item.name} {with_interval(item)}" for item in numbers
-            )
+            text = f"The friction of joint {joint} is another, by {by_so_much(numbers)}"
         case "torque_offset":
             numbers = _drive(hypothesis, found.values, std)
             text = f"Joint {joint} has a constant torque of {with_interval(numbers[0])} besides"

@@ -289,6 +289,9 @@ def test_an_offset_is_no_friction(physical: PhysicalParameters) -> None:
     found = lacking_friction(geometry, lacks, physical.viscous, physical.coulomb, "arm.urdf")
     assert [item.joint for item in found] == [1, 2, 3, 4, 5, 6, 7]
     assert [item.numbers[1].value for item in found] == pytest.approx([0.5] * 7, abs=0.1)
+    # A file that has friction has so much less than the arm: as the friction itself it was read as half of it.
+    assert all("is another than arm.urdf says, by viscous +0." in item.sentence for item in found)
+    assert all(", coulomb +0." in item.sentence for item in found)
 
 
 CUBE = (
