@@ -300,13 +300,18 @@ class _Program:
         return np.asarray(1.0 - np.square(narrowed).sum(axis=0) / np.square(inverse).sum(axis=0), dtype=np.float64)
 
     def _prior_curvature(self, x: FloatArray) -> FloatArray:
-        """(k, k) lower Cholesky factor of the Hessian of the prior's terms; of −log det P it is tr(P⁻¹E_a P⁻¹E_b)."""
+        """(k, k) lower Cholesky factor of the Hessian of the prior's terms; of −log det P it is tr(P⁻¹E_a P⁻¹E_b).
+
+        By QR of the factors P^(−½)E_a P^(−½): their products lose the sign of a body that is all but flat.
+        """
         root = np.zeros((x.size, x.size))
         for link, matrix in enumerate(pseudo_inertia(x[:, :INERTIAL_COUNT])):
-            turned = np.einsum("ij,ajk->aik", np.linalg.inv(matrix), _BASIS)
+            values, vectors = np.linalg.eigh(matrix)
+            white = vectors / np.sqrt(values)
+            factors = np.einsum("ik,aij,jl->akl", white, _BASIS, white).reshape(INERTIAL_COUNT, -1)
             first = link * self._stride
             block = slice(first, first + INERTIAL_COUNT)
-            root[block, block] = np.linalg.cholesky(np.einsum("aij,bji->ab", turned, turned))
+            root[block, block] = np.linalg.qr(factors.T)[1].T
         diagonal = np.zeros_like(x)
         diagonal[:, INERTIAL_COUNT:] = 1.0 / np.where(self._free, self._typical, np.abs(x[:, INERTIAL_COUNT:]))
         root[np.diag_indices(x.size)] += diagonal.ravel()

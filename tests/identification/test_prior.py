@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import ModelFileError, RobotError
-from identification.estimators.prior import BodyPrior, prior_of_bodies, settle_open_directions, uniform_bodies
+from identification.estimators.prior import BodyPrior, _Program, prior_of_bodies, settle_open_directions, uniform_bodies
 from identification.excitation import default_trajectory
 from identification.export.given_bodies import given_bodies
 from identification.export.parameters import Origins
@@ -202,3 +203,18 @@ def test_exact_data_are_kept_to_their_digits(iiwa14: RobotModel, table3: Physica
     settled = settle_open_directions(truth, covariance, base)
     np.testing.assert_allclose(settled.base_values, truth, atol=1e-6)
     assert np.linalg.eigvalsh(pseudo_inertia(settled.full.reshape(7, -1)[:, :10])).min() > 0.0
+
+
+def test_a_body_that_is_all_but_flat_has_a_curvature() -> None:
+    """Of log det of symmetric (4, 4) matrices the Hessian has the determinant det(P)^−5 times that at P = 1."""
+    random, basis = np.random.default_rng(3), pseudo_inertia(np.eye(10)).reshape(10, 16).T
+    turn = np.linalg.qr(random.normal(size=(4, 4)))[0]
+    moments = np.array([1e-12, 1e-7, 0.1, 5.0])
+    logarithms = []
+    for matrix in (np.eye(4), turn @ np.diag(moments) @ turn.T):
+        inertial = np.linalg.lstsq(basis, matrix.ravel(), rcond=None)[0]
+        empty = np.zeros((1, 0))
+        program = SimpleNamespace(_stride=10, _free=empty.astype(bool), _typical=empty)
+        root = _Program._prior_curvature(program, inertial[None])  # type: ignore[arg-type]
+        logarithms.append(2.0 * np.log(np.abs(np.diag(root))).sum())
+    assert logarithms[1] - logarithms[0] == pytest.approx(-5.0 * np.log(moments).sum(), rel=1e-3)
