@@ -95,6 +95,17 @@ def start_python(
     )  # fmt: skip
 
 
+def processes_of(module: str, folder: Path) -> list[psutil.Process]:
+    """Those that were started as this module and told a file in this folder."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            words = process.cmdline()
+            if module in words and any(Path(word).parent == folder for word in words):
+                found.append(process)
+    return found
+
+
 def child_environment() -> dict[str, str]:
     """The environment, with this package findable even where it is not installed."""
     root = str(Path(__file__).resolve().parent.parent)

@@ -120,6 +120,13 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
     return report, gone.exit_code
 
 
+def exit_code_of_run(report: LoopReport, loop_exit_code: int, signal_number: int | None) -> int:
+    """That of the loop's process, of its report where a signal ended it, or 130 where the operator's signal did."""
+    if signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
+        return 130
+    return loop_exit_code if loop_exit_code >= 0 else EXIT_CODES[report.outcome]
+
+
 def stopped_nothing(outcome: RunOutcome) -> bool:
     """Whether a signal that came after the motion changed nothing of its outcome, so that nothing says it was heard.
 

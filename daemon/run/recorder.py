@@ -9,8 +9,8 @@ Nothing is lost silently:
   - a full disk is answered with the reserve that was allocated at the start, and reported, so that the supervisor ends
     the run by a stop ramp; when that is used up too, the recorder stops draining, tries again and finally says which
     sample is the first that is not in the file: the ring still holds it;
-  - a recorder whose supervisor is gone goes on until the loop says it is finished, or is silent for good; then it also
-    writes run.json.
+  - a recorder whose supervisor is gone goes on until the loop says it is finished, or is silent for good;
+  - once its file is closed it stays until run.json is written, and writes it where supervisor and loop are both gone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from typing import Any
 
 import zmq
 
-from daemon.api import EXIT_CODES, RecorderJob
+from daemon.api import EXIT_CODES, REPORT_NAME, RUN_NAME, LoopReport, RecorderJob, RunRequest
+from daemon.children import processes_of
 from daemon.control_messages import (
     ControlMessage,
     RecorderFailed,
@@ -48,6 +49,7 @@ from daemon.run.account import leave_outcome
 from daemon.run.link_diagnostics import diagnostics_of
 from daemon.run.log_inputs import attachments_of, closing_attachments_of, description_of, metadata_of
 from daemon.run.outcome import keep_last_samples, loop_report_without_loop
+from daemon.run.spare_folder import find_run_file
 from daemon.run.supervision import Supervision, silence_s
 from fri_client.errors import CodecError
 from fri_client.handover.ring import Disposition, EventCode, HandoverRecord, HandoverRing
@@ -64,6 +66,7 @@ RESERVE_BYTES = 8 * 1024 * 1024
 """Room for about five seconds of samples at 1 kHz uncompressed and for the closing of the file."""
 ORPHAN_PATIENCE_S = 15.0
 DISK_PATIENCE_S = 5.0
+ACCOUNT_POLL_S = 0.2
 RETRY_S = 0.2
 MAXIMUM_UNDECODABLE_TEXTS = 1000
 
@@ -302,6 +305,23 @@ class _DiskRefusedError(Exception):
         super().__init__(str(error))
 
 
+def see_to_the_account(request: RunRequest, ring: HandoverRing, supervision: Supervision) -> None:
+    """Stay until run.json is written; write it where nobody else is left to say how the run ended.
+
+    The loop's process does so where the supervisor was gone at its end. It leaves where the supervisor lived, which may
+    be killed any moment later. A loop that never said that it had finished, and is silent for good, writes nothing.
+    """
+    while not find_run_file(request, RUN_NAME).is_file():
+        loops = processes_of("daemon.run.loop_process", Path(request.out_dir))
+        if supervision.is_orphan and (not ring.finished or not loops):
+            report = loop_report_without_loop(ring, None, "")
+            with contextlib.suppress(DaemonError):
+                report = read_json(find_run_file(request, REPORT_NAME), LoopReport)
+            leave_outcome(request, report, EXIT_CODES[report.outcome], writer="the recorder", ring=ring)
+            return
+        time.sleep(ACCOUNT_POLL_S)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry of the process. Exit code: 0, 74 disk, 78 request, 70 otherwise; last words on stderr."""
     parser = argparse.ArgumentParser(prog="python -m daemon.run.recorder", description="Write the ring to a log.")
@@ -328,12 +348,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)
         with LiveBroadcast(job.request, ring, context) as live:
-            recorder = Recorder(job, ring, report, live, Supervision(ring, options.supervisor))
-            code = recorder.run()
-        if not ring.finished and recorder.is_abandoned:
-            # Nobody else is left to say how the run ended. One that the disk refuses may leave others behind.
-            loss = loop_report_without_loop(ring, None, "")
-            leave_outcome(job.request, loss, EXIT_CODES[loss.outcome], writer="the recorder", ring=ring)
+            supervision = Supervision(ring, options.supervisor)
+            code = Recorder(job, ring, report, live, supervision).run()
+        # A supervisor replaces one that the disk refuses; one without an endpoint has nobody who would end it.
+        if supervision.is_orphan or (options.endpoint and not code):
+            see_to_the_account(job.request, ring, supervision)
         return code
     except DaemonError as error:
         print(error, file=sys.stderr)

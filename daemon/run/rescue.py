@@ -18,6 +18,7 @@ from pathlib import Path
 import psutil
 
 from daemon.api import LoopReport, RecorderJob, RunRequest
+from daemon.children import processes_of
 from daemon.errors import DaemonError, LogIOError
 from daemon.log.parts import join_parts, part_path, parts_of
 from daemon.log.recover import RecoverReport
@@ -85,12 +86,10 @@ def _wait_for_recorder(folder: Path, ring: HandoverRing) -> None:
 
 
 def _end_recorders(folder: Path) -> None:
-    for process in psutil.process_iter():
+    for process in processes_of("daemon.run.recorder", folder):
         with contextlib.suppress(psutil.Error):
-            words = process.cmdline()
-            if "daemon.run.recorder" in words and any(Path(word).parent == folder for word in words):
-                process.kill()
-                print(f"The recorder (process {process.pid}) did not go on and was ended.", file=sys.stderr)
+            process.kill()
+            print(f"The recorder (process {process.pid}) did not go on and was ended.", file=sys.stderr)
 
 
 def _write_rest(request: RunRequest, ring: HandoverRing, folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ What happens when a child dies:
     (SIGSTOP) for STOPPED_S is ended.
   - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended; the
     loop's process then writes run.json.
-  - loop and supervisor together: the recorder closes its file and writes run.json.
+  - loop and supervisor, or the supervisor once the loop has ended: the recorder, which stays for that, writes run.json.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.api import AUTO_VERSION, EXIT_CODES, RUN_NAME, LoopReport, RecorderJob, RunEvent, RunOutcome, RunRequest
+from daemon.api import AUTO_VERSION, RUN_NAME, LoopReport, RecorderJob, RunEvent, RunOutcome, RunRequest
 from daemon.children import Child
 from daemon.control_messages import RecorderFailed, RecorderFinished, RecorderReady, RecorderTrouble
 from daemon.doctor.load_check import with_load_check
@@ -48,6 +48,7 @@ from daemon.run.ladder import tags
 from daemon.run.narrator import Observer, RunNarrator, unfailing
 from daemon.run.outcome import (
     digests_of,
+    exit_code_of_run,
     keep_last_samples,
     lost_between,
     note_no_start,
@@ -145,7 +146,10 @@ class _Acquisition:
             outcome = self._closed_by_loop()
             if outcome is None:
                 self._finish_recording()
-                outcome = self._close_books(report)
+                try:
+                    outcome = self._close_books(report)
+                finally:
+                    self._end_recorder()
             else:
                 self.motion_exit_code = outcome.exit_code
             self._narrator.tell("finished", outcome.sentences[0])
@@ -162,9 +166,7 @@ class _Acquisition:
             return Child("loop", "daemon.run.loop_process", arguments, self._ring, self._folder)
         except (DaemonError, OSError) as error:
             self._ring.finish()  # no loop will: a recorder that was started is to close its file and go
-            if self._recorder is not None:
-                self._recorder.wait(RECORDER_START_S)
-                self._recorder.close()
+            self._end_recorder(RECORDER_START_S)
             if not self._folder.is_dir():
                 raise FolderGoneError(str(self._folder)) from error
             note_no_start(self._request, error, self._started_at)
@@ -275,20 +277,28 @@ class _Acquisition:
         """Wait until the recorder has emptied the ring; replace one that dies meanwhile or does not go on (SIGSTOP)."""
         self._last_heard = time.monotonic()
         while self._recorder is not None:
-            if self._recorder.alive:
-                self._listen(POLL_S)
+            alive = self._recorder.alive
+            self._listen(POLL_S)
+            if len(self._parts) - 1 in self._finished:
+                return
+            if alive:
                 patience_s = STOPPED_S if self._recorder.is_stopped else RECORDER_SILENCE_S
                 if time.monotonic() - self._last_heard > patience_s:
                     self._recorder.wait(0.0)
                 continue
-            self._listen(POLL_S)
-            if len(self._parts) - 1 in self._finished:
-                self._recorder.close()
-                return
             code = self._recorder.process.returncode
             if not code and time.monotonic() - self._last_heard < STOPPED_S:
                 continue  # its last word is on its way to a supervisor that was held
             self._replace_recorder(f"A recorder ended before its file was closed (return code {code}).")
+
+    def _end_recorder(self, patience_s: float = 0.0) -> None:
+        """Once its file is closed it stays for the account alone; patience_s: how long that is waited for."""
+        if self._recorder is not None:
+            until_s = time.monotonic() + patience_s
+            while not self._finished and self._recorder.alive and time.monotonic() < until_s:
+                self._listen(POLL_S)
+            self._recorder.wait(0.0)
+            self._recorder.close()
 
     def _gone_unheard(self) -> bool:
         """Whether the folder went before any message of a robot came."""
@@ -321,9 +331,7 @@ class _Acquisition:
         """The account that the loop's process wrote because this one was held (SIGSTOP) or hung; None: it did not."""
         with contextlib.suppress(MissingInputError):
             outcome = read_json(find_run_file(self._request, RUN_NAME), RunOutcome)
-            if self._recorder is not None:
-                self._recorder.process.kill()
-                self._recorder.close()
+            self._end_recorder()
             tidy(self._folder)
             return outcome
         return None
@@ -338,7 +346,7 @@ class _Acquisition:
             recording, samples, in_periods, gaps, lost = self._join_parts()
         for folder in {part.parent for part in self._parts}:
             tidy(folder)
-        exit_code = self._exit_code(report)
+        exit_code = exit_code_of_run(report, self._loop_exit_code, self._stop.signal_number)
         if (first is None or lost) and not exit_code:
             exit_code = 1
         outcome = RunOutcome(
@@ -390,9 +398,3 @@ class _Acquisition:
             return existing[-1] if existing else self._parts[0], 0, 0, 0, self._ring.lost + self._ring.backlog
         lost = lost_between(self._ring, merged.missing_in_handover, merged.next_index)
         return merged.recovered, merged.samples, merged.samples_in_periods, merged.missing, lost
-
-    def _exit_code(self, report: LoopReport) -> int:
-        code = self._loop_exit_code if self._loop_exit_code >= 0 else EXIT_CODES[report.outcome]
-        if self._stop.signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
-            return 130
-        return code

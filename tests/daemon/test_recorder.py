@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.metadata
 import itertools
 import json
+import os
 import platform
 import signal
 import subprocess
@@ -22,7 +23,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from daemon.api import RunOutcome
+from daemon.api import LoopReport, RunOutcome
 from daemon.control_messages import ControlMessage, RecorderFinished, RecorderProgress, RecorderReady
 from daemon.errors import LogIOError
 from daemon.json_files import read_json, write_json
@@ -246,6 +247,39 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
     assert "brakes by itself" in outcome.sentences[0]
     assert any("written by the recorder" in sentence for sentence in outcome.sentences)
     assert not (tmp_path / "recorder0.json").exists()
+
+
+def test_a_supervisor_killed_between_the_motion_and_its_account_leaves_that_to_the_recorder(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop ended well, reported and left; the supervisor lived until the recording was closed, and is killed then.
+
+    Truth: the 250 samples of this test, the report that it wrote for the loop.
+    """
+    Producer(ring).push(250)
+    write_json(tmp_path / "recorder0.json", make_job(tmp_path))
+    report = LoopReport(outcome="completed", reason="", sentence="Two periods were driven.", received=250)
+    write_json(tmp_path / "loop_report.json", report)
+    ring.finish()
+    looked: list[bool] = []
+
+    def killed_meanwhile(_: float) -> None:
+        looked.append((tmp_path / "run.json").exists())
+        monkeypatch.setattr(os, "getppid", lambda: 1)
+
+    monkeypatch.setattr("daemon.run.recorder.time.sleep", killed_meanwhile)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)}
+    try:
+        options = ["--ring-fd", str(ring.fd), "--endpoint", f"ipc://{tmp_path}/nobody"]
+        assert main(["--request", str(tmp_path / "recorder0.json"), *options]) == 0
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert not looked[0]  # as long as the supervisor lives it is to write the account itself
+    outcome = read_json(tmp_path / "run.json", RunOutcome)
+    assert (outcome.outcome, outcome.samples, outcome.handover_gaps) == ("completed", 250, 0)
+    assert outcome.sentences[0] == report.sentence
+    assert any("written by the recorder" in sentence for sentence in outcome.sentences)
 
 
 def test_a_recorder_waits_for_a_loop_that_was_still_being_started_when_the_supervisor_was_killed(
