@@ -28,7 +28,7 @@ from daemon.investigate.motions import (
     same_motion,
     shipped_motion,
 )
-from daemon.investigate.same_arm import Stated, read_together, refuse_another_arm
+from daemon.investigate.same_arm import Stated, comparable, read_together, refuse_another_arm
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
 from daemon.motion.tool import FastenedMass, fastened
@@ -324,13 +324,12 @@ class Investigation:
     # ---- what they need
 
     def _refuse_another_arm(self) -> None:
-        """Before anything is computed. An action may turn the tool or the base, and a mass adds to the tool."""
+        """Before anything is computed, whatever was done to the arm."""
         account = self.account
-        if account.state in RESTING or account.doing is not None or account.added_mass is not None:
+        if account.state in RESTING or (stated := self._driver.stated()) is None:
             return
-        if (stated := self._driver.stated()) is not None:
-            own = [item.file for item in account.recordings if item.action is None and item.added_mass is None]
-            refuse_another_arm(map(read_recording, own), stated)
+        for item in account.recordings:
+            refuse_another_arm([read_recording(item.file)], comparable(stated, item, account))
 
     @property
     def _attempt(self) -> Path:

@@ -59,7 +59,7 @@ class _QueueDriver:
         order, tool = self._order, read_tool(self._order.tool, is_name=True)
         around = load_surroundings(order.robot, order.workspace_file, tool, self._added_mass)
         gravity = order.gravity_m_s2
-        return Stated("", around.tool.describe(), ON_THE_FLOOR if gravity is None else Installation(gravity))
+        return Stated(order.serial, around.tool.describe(), ON_THE_FLOOR if gravity is None else Installation(gravity))
 
     def ended(self, folder: Path) -> Drive | None:
         del folder

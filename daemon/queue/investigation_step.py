@@ -25,7 +25,7 @@ _NICENESS = 10
 
 
 class Order(Message, frozen=True, kw_only=True):
-    """What one step begins with. folder: of the investigation.
+    """What one step begins with. folder: of the investigation. serial: of the service's arm, empty: unknown.
 
     budget_s, recordings, seed: for one that begins; budget_s of one that goes on is a new one. run: folder of the run
     that drove motion `number`, or a rung of its ladder (rung), or the last one where it goes on; run_sentence,
@@ -37,6 +37,7 @@ class Order(Message, frozen=True, kw_only=True):
     robot: str
     workspace_file: str | None = None
     tool: str = "none"
+    serial: str = ""
     gravity_m_s2: tuple[float, float, float] | None = None
     budget_s: float | None = None
     recordings: tuple[str, ...] = ()

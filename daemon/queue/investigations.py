@@ -69,6 +69,7 @@ class Investigations:
             robot=self._config.robot,
             workspace_file=run_settings.workspace_file,
             tool=run_settings.tool,
+            serial=run_settings.serial or "",
             gravity_m_s2=run_settings.gravity_m_s2,
             budget_s=60.0 * request.budget_minutes,
             recordings=tuple(run.folder for run in runs if run is not None),
@@ -210,6 +211,7 @@ def _next_order(order: Order) -> Order:
         robot=order.robot,
         workspace_file=order.workspace_file,
         tool=order.tool,
+        serial=order.serial,
         gravity_m_s2=order.gravity_m_s2,
         seed=order.seed,
     )

@@ -20,7 +20,8 @@ from daemon.investigate import steps as steps_module
 from daemon.investigate.account import Motion, Recorded, read_account
 from daemon.investigate.loop import Investigation
 from daemon.investigate.motions import SAME_MOTION, compared_with, shipped_motion
-from daemon.investigate.states import State
+from daemon.investigate.same_arm import Stated
+from daemon.investigate.states import Event, State
 from daemon.investigate.story import write_story
 from identification.excitation import default_trajectory
 from identification.investigation.actions import Action, Outcome
@@ -28,6 +29,7 @@ from identification.investigation.choice import Choice, Design
 from identification.investigation.experiments import experiment
 from identification.investigation.forecast import Forecast
 from identification.mismatch.effects.base import Place
+from identification.robots.installation import ON_THE_FLOOR, Installation
 from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ROOM, ScriptedDriver, begun, investigation, scripted_study
 
@@ -318,3 +320,32 @@ def test_the_page_says_of_each_recording_after_an_action_what_that_one_told(
     assert "It was the sensor." not in chapters[0]
     assert "The first time it told nothing." not in chapters[1]
     assert "Hypotheses alive" not in "".join(chapters)
+
+
+@pytest.mark.parametrize("action", list(Action))
+def test_another_arm_is_refused_whatever_was_done_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, action: Action
+) -> None:
+    """Recordings of arm 81. Truth: what an action changes; a serial number is none of it, a tool or a stand may be."""
+    metadata = {"serial": "81", "tool": "none"}
+
+    def of_81(file: str) -> Any:
+        return SimpleNamespace(source=SimpleNamespace(path=file, metadata=metadata), installation=ON_THE_FLOOR)
+
+    def reaches_the_motion(serial: str, tool: str, installation: Installation) -> bool:
+        monkeypatch.setattr(ScriptedDriver, "stated", lambda _: Stated(serial, tool, installation))
+        account = begun(tmp_path, state=State.CHOOSING, doing=action, added_mass=mass)
+        try:
+            investigation(tmp_path, account, ScriptedDriver()).run()
+        except ConfigurationError as error:
+            return "nothing was moved" not in str(error)
+        return True
+
+    monkeypatch.setattr(loop_module, "read_recording", of_81)
+    monkeypatch.setattr(Investigation, "_choose", lambda _: Event.NOTHING_TELLS)
+    mass = MASS if action is Action.ADD_MASS else None
+    wall = Installation((9.81, 0.0, 0.0))
+    assert reaches_the_motion("81", "none", ON_THE_FLOOR)
+    assert not reaches_the_motion("82", "none", ON_THE_FLOOR)
+    assert reaches_the_motion("81", "2 kg", ON_THE_FLOOR) == (action in (Action.ADD_MASS, Action.TURN_TOOL))
+    assert reaches_the_motion("81", "none", wall) == (action is Action.LEVEL_BASE)
