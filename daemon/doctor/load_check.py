@@ -23,7 +23,8 @@ from daemon.motion.torque_foresight import TorqueForesight
 from fri_client.messages import MonitoringMessage
 from identification.arrays import FloatArray
 from identification.errors import IdentificationError
-from identification.load_data import LEAST_SHARE, UnknownLoad, unknown_load, weight_at_rest
+from identification.load_data import LEAST_SHARE, UnknownLoad, moment_at_rest, unknown_load, weight_at_rest
+from identification.mismatch.settings import DIFFERENT
 from identification.robots import load_robot
 from identification.robots.flange import IIWA_FLANGE
 from identification.robots.installation import Installation
@@ -75,13 +76,20 @@ def check_load_at_rest(messages: Sequence[MonitoringMessage]) -> DoctorCheck | N
     seen = f"At rest the external torque is at most {abs(mean[worst]):.2f} Nm (A{worst + 1})"
     if per_kilogram * LEAST_MASS_AT_REST_KG < LEAST_TORQUE_NM:
         return DoctorCheck("load data", "ok", f"{seen}; in this posture a load hardly shows.")
-    if abs(mass) < LEAST_MASS_AT_REST_KG or share < LEAST_SHARE:
-        return DoctorCheck("load data", "ok", f"{seen}: no sign of wrong load data.")
-    whose = "that the cabinet does not know of" if mass > 0.0 else "that the cabinet believes in and that is not there"
+    if abs(mass) >= LEAST_MASS_AT_REST_KG and share >= LEAST_SHARE:
+        whose = (
+            "that the cabinet does not know of" if mass > 0.0 else "that the cabinet believes in and that is not there"
+        )
+        what = f"about {abs(mass):.1f} kg on the flange {whose}"
+    else:
+        torque, chance = moment_at_rest(load_robot("iiwa14"), positions.mean(axis=0), mean)
+        if torque < LEAST_TORQUE_NM or chance > DIFFERENT:
+            return DoctorCheck("load data", "ok", f"{seen}: no sign of wrong load data.")
+        what = "a load whose centre is not where the load data have it"
     return DoctorCheck(
         "load data",
         "warning",
-        f"{seen}, as of about {abs(mass):.1f} kg on the flange {whose}, or of somebody who leans on the arm.",
+        f"{seen}, as of {what}, or of somebody who leans on the arm.",
         "set the tool's load data on the cabinet, then look again with nobody near the arm.",
     )
 
@@ -129,17 +137,30 @@ def load_remark(recording: Path, request: RunRequest, send_period_s: float) -> s
 def load_sentence(found: UnknownLoad) -> str:
     """What was found and what to do about it."""
     worst = int(np.argmax(found.rms_before))
-    place = IIWA_FLANGE.point(found.center)
-    where = f"({', '.join(f'{value:.2f}' for value in place)}) m from the flange"
-    if found.mass > 0.0:
-        what = f"of {found.mass:.2f} kg at {where} that the cabinet does not know of"
-    else:
-        what = f"of {-found.mass:.2f} kg at {where} that the cabinet believes in and that is not there"
     return (
-        f"The load data on the cabinet do not fit: its external torque is that {what} "
+        f"The load data on the cabinet do not fit: its external torque is that {_difference(found)} "
         f"({found.rms_before[worst]:.2f} Nm RMS on A{worst + 1}, {found.rms_after[worst]:.2f} Nm without it). "
         "Set the tool's load data there: the limit on external torque and the robot's own control use them."
     )
+
+
+def _difference(found: UnknownLoad) -> str:
+    if not found.weighs:
+        # About the flange, in its axes: where the load data are given.
+        turn = np.column_stack([-IIWA_FLANGE.rotation.T @ IIWA_FLANGE.origin, IIWA_FLANGE.rotation.T])
+        moment = turn @ np.array([found.mass, *found.moment])
+        half = 1.96 * np.sqrt(np.diag(turn @ found.covariance @ turn.T))
+        each = ", ".join(f"{value:.3f} ± {width:.3f}" for value, width in zip(moment, half, strict=True))
+        return (
+            f"of a load with another centre: its mass differs by {found.mass:.2f} ± "
+            f"{1.96 * np.sqrt(found.covariance[0, 0]):.2f} kg from that in the load data, its first moment (mass times "
+            f"centre, from the flange) by ({each}) kg m"
+        )
+    place = IIWA_FLANGE.point(found.center)
+    where = f"({', '.join(f'{value:.2f}' for value in place)}) m from the flange"
+    if found.mass > 0.0:
+        return f"of {found.mass:.2f} kg at {where} that the cabinet does not know of"
+    return f"of {-found.mass:.2f} kg at {where} that the cabinet believes in and that is not there"
 
 
 def _motion_of(recording: Path, send_period_s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:

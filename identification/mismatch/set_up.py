@@ -249,9 +249,9 @@ def _load(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
     if found is None:
         return SetUpCheck("load data", "ok", "The external torque shows no load that the cabinet does not know of.")
     whose = "lack" if found.mass > 0.0 else "have too much by"
+    what = f"{whose} {abs(found.mass):.2g} kg at the flange" if found.weighs else "have the centre of the load wrong"
     return SetUpCheck(
         "load data",
         "failed",
-        f"The cabinet's load data {whose} {abs(found.mass):.2g} kg at the flange: that explains "
-        f"{100.0 * found.share:.0f} % of the external torque.",
+        f"The cabinet's load data {what}: that explains {100.0 * found.share:.0f} % of the external torque.",
     )

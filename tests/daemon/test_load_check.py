@@ -62,6 +62,16 @@ def test_a_weight_on_the_flange_is_said_with_its_size(mass: float, words: str) -
     assert "load data on the cabinet" in check.remedy
 
 
+def test_a_load_with_a_wrong_centre_is_said_of_an_arm_at_rest() -> None:
+    """3 kg at z 0.1 m, and load data that say at 0.3 m: no weight, and 4.4 Nm in this posture (Pinocchio)."""
+    rest, still = np.array([BENT]), np.zeros((1, 7))
+    wrong = (load_torque(3.0, 0.1, rest, still, still) - load_torque(3.0, 0.3, rest, still, still))[0]
+    check = check_load_at_rest(at_rest(BENT, -wrong))
+    assert check is not None
+    assert check.status == "warning", check.sentence
+    assert "centre is not where" in check.sentence
+
+
 def test_friction_of_standing_joints_and_a_push_elsewhere_are_no_load() -> None:
     for external in ([0.8, -0.9, 0.5, 0.6, -0.4, 0.3, 0.2], [0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0]):
         check = check_load_at_rest(at_rest(BENT, np.array(external)))
@@ -81,20 +91,30 @@ def test_nothing_is_said_of_an_arm_that_moves_or_of_a_robot_without_external_tor
     assert check_load_at_rest([]) is None
 
 
-@pytest.mark.parametrize("mass", [0.0, 0.8])
-def test_the_end_of_a_run_names_the_load_that_the_cabinet_does_not_know(tmp_path: Path, mass: float) -> None:
-    table, spacing = default_trajectory().table(1000.0), 0.001
-    dq = (np.roll(table, -1, axis=0) - np.roll(table, 1, axis=0)) / (2 * spacing)
-    ddq = (np.roll(table, -1, axis=0) - 2 * table + np.roll(table, 1, axis=0)) / spacing**2
-    external = -load_torque(1.0, 0.05, table, dq, ddq) * mass - 0.3 * np.tanh(dq / 0.01)
-    external += 0.1 * np.random.default_rng(6).standard_normal(external.shape)
-    writer = LogWriter(tmp_path / "recording.mcap", metadata={}, attachments=[], robot_description="")
+def remark_on(folder: Path, table: np.ndarray, external: np.ndarray) -> str:
+    """What the end of a run says of one period at 1 kHz."""
+    writer = LogWriter(folder / "recording.mcap", metadata={}, attachments=[], robot_description="")
     for row, (position, torque) in enumerate(zip(table, external, strict=True)):
         now = 1_000_000 * row
         labels = SampleLabels(now, now, row, 3, 0, row, True, False, False, False)
         writer.write_sample(message(row, position, torque), None, labels)
     writer.finish({})
-    said = load_remark(tmp_path / "recording.mcap", make_request(tmp_path), spacing)
+    return load_remark(folder / "recording.mcap", make_request(folder), 0.001)
+
+
+def motion_with_friction() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A period of the shipped motion, its two derivatives, and the external torque of a cabinet that knows its load."""
+    table, spacing = default_trajectory().table(1000.0), 0.001
+    dq = (np.roll(table, -1, axis=0) - np.roll(table, 1, axis=0)) / (2 * spacing)
+    ddq = (np.roll(table, -1, axis=0) - 2 * table + np.roll(table, 1, axis=0)) / spacing**2
+    noise = 0.1 * np.random.default_rng(6).standard_normal(table.shape)
+    return table, dq, ddq, noise - 0.3 * np.tanh(dq / 0.01)
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.8])
+def test_the_end_of_a_run_names_the_load_that_the_cabinet_does_not_know(tmp_path: Path, mass: float) -> None:
+    *states, external = motion_with_friction()
+    said = remark_on(tmp_path, states[0], external - load_torque(1.0, 0.05, *states) * mass)
     if mass:
         found = re.search(r"that of (\S+) kg at \((\S+), (\S+), (\S+)\) m .* that the cabinet does not know of", said)
         assert found is not None, said
@@ -102,6 +122,18 @@ def test_the_end_of_a_run_names_the_load_that_the_cabinet_does_not_know(tmp_path
         assert [float(found[axis]) for axis in (2, 3, 4)] == pytest.approx([0.0, 0.0, 0.05], abs=0.03)
     else:
         assert said == ""
+
+
+def test_the_end_of_a_run_names_the_moment_where_the_load_data_have_the_mass_but_not_the_centre(tmp_path: Path) -> None:
+    """3 kg at z 0.1 m, and load data that say at 0.2 m: a moment of -0.3 kg m on the flange's axis, and no weight."""
+    *states, external = motion_with_friction()
+    wrong = load_torque(3.0, 0.1, *states) - load_torque(3.0, 0.2, *states)
+    said = remark_on(tmp_path, states[0], external - wrong)
+    found = re.search(r"mass differs by (\S+) ± (\S+) kg .* by \((\S+) ± \S+, (\S+) ± \S+, (\S+) ± (\S+)\) kg m", said)
+    assert found is not None, said
+    assert float(found[1]) == pytest.approx(0.0, abs=0.02)
+    assert [float(found[place]) for place in (3, 4, 5)] == pytest.approx([0.0, 0.0, -0.3], abs=0.02)
+    assert 0.0 < float(found[6]) < 0.02
 
 
 def test_a_recording_that_cannot_be_read_costs_nothing(tmp_path: Path) -> None:

@@ -60,6 +60,21 @@ def test_a_load_that_the_cabinet_was_not_told_of_is_found_with_its_mass(
     assert found.rms_before[1] > 5.0 * found.rms_after[1]
 
 
+def test_load_data_of_the_right_mass_and_a_wrong_centre_are_found_by_their_moment(
+    motion: tuple[RobotModel, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """3 kg at z 0.1 m from the flange, and load data that say y 0.1 m: (0, -0.3, 0.3) kg m and no weight."""
+    robot, *states = motion
+    real, told = (np.array([0.0, 0.0, 0.226]), np.array([0.0, 0.1, 0.126]))
+    wrong = point_load(robot, 3.0, real, tuple(states)) - point_load(robot, 3.0, told, tuple(states))
+    found = unknown_load(robot, *states, disturbance(states[1], np.random.default_rng(11)) - wrong)
+    assert found is not None
+    assert not found.weighs
+    deviation = np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(np.array([found.mass, *found.moment]) - [0.0, 0.0, -0.3, 0.3]) < 4.0 * deviation)
+    assert deviation.max() < 0.02
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_friction_offsets_and_noise_are_no_load(
     motion: tuple[RobotModel, FloatArray, FloatArray, FloatArray], seed: int
