@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from daemon.amplitude import amplitude_reason
 from daemon.endpoints import is_ipv4
 from daemon.errors import ConfigurationError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
@@ -129,8 +130,8 @@ class RunRequest(Message, frozen=True, kw_only=True):
             raise ConfigurationError(f"{self.periods} periods asked for; at least 1 is needed.", field="periods")
         if not 0 <= self.bind_port <= 65535:
             raise ConfigurationError(f"{self.bind_port} is not a UDP port (0 to 65535).", field="bind_port")
-        if not 0.0 < self.amplitude <= 1.0:
-            raise ConfigurationError(f"{self.amplitude:g} is outside (0, 1].", field="amplitude")
+        if (wrong := amplitude_reason(self.amplitude)) is not None:
+            raise ConfigurationError(wrong, field="amplitude")
         for field, host in (("bind_host", self.bind_host), ("robot_host", self.robot_host)):
             if host is not None and not is_ipv4(host):
                 raise ConfigurationError(f"'{host}' is no IPv4 address, such as 192.170.10.2.", field=field)

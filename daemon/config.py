@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from daemon.amplitude import amplitude_reason
 from daemon.api import AUTO_VERSION, FitPipeline, ring_slots_reason
 from daemon.endpoints import endpoint_reason, is_ipv4
 from daemon.errors import ConfigurationError
@@ -328,8 +329,8 @@ def _check(config: DaemonConfig, file: str) -> None:
 def _check_run(run: RunSettings, refuse: Callable[[str, str], ConfigurationError]) -> None:
     if run.periods < 1:
         raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
-    if not 0.0 < run.amplitude <= 1.0:
-        raise refuse("run.amplitude", f"{run.amplitude:g} is outside (0, 1].")
+    if (wrong := amplitude_reason(run.amplitude)) is not None:
+        raise refuse("run.amplitude", wrong)
     if not 0.0 <= run.lead_in_s <= LONGEST_LEAD_IN_S:
         raise refuse("run.lead_in_s", f"{run.lead_in_s:g} s is outside 0 to {LONGEST_LEAD_IN_S:g} s.")
     if not 0.0 < run.maximum_distance_to_measured <= FARTHEST_FROM_MEASURED_RAD:

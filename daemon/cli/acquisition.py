@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
@@ -47,7 +48,13 @@ ModelOption = Annotated[
     typer.Option("--model", metavar="MODEL.json", help="Predicts the torque; default for the iiwa14: Table 3."),
 ]
 AmplitudeOption = Annotated[
-    float, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.")
+    float,
+    typer.Option(
+        "--amplitude",
+        min=SMALLEST_AMPLITUDE,
+        max=LARGEST_AMPLITUDE,
+        help="Fraction of the motion: 0.1, 0.25, 0.5, then 1.",
+    ),
 ]
 ToolOption = Annotated[
     str | None,

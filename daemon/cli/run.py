@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.acquisition import (
     ModelOption,
     RobotOption,
@@ -95,8 +96,8 @@ def run(
         float | None,
         typer.Option(
             "--amplitude",
-            min=0.01,
-            max=1.0,
+            min=SMALLEST_AMPLITUDE,
+            max=LARGEST_AMPLITUDE,
             help="Fraction of the motion, default: 1; on a new arm 0.1, 0.25, 0.5 first.",
         ),
     ] = None,

@@ -16,6 +16,7 @@ from typing import Annotated, TypeVar
 import msgspec
 import typer
 
+from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.app import app
 from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
@@ -98,7 +99,10 @@ def submit(
         int | None, typer.Option("--periods", min=1, help="Periods to record; default: the service's.")
     ] = None,
     amplitude: Annotated[
-        float | None, typer.Option("--amplitude", min=0.01, max=1.0, help="Fraction; default: the service's.")
+        float | None,
+        typer.Option(
+            "--amplitude", min=SMALLEST_AMPLITUDE, max=LARGEST_AMPLITUDE, help="Fraction; default: the service's."
+        ),
     ] = None,
     no_fit: Annotated[bool, typer.Option("--no-fit", help="Record only.")] = False,
     confirm: ConfirmOption = False,

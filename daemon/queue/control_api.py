@@ -13,6 +13,7 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.api import Message
 from daemon.errors import DaemonError
 from daemon.motion.tool import FARTHEST_M, HEAVIEST_KG
@@ -76,7 +77,7 @@ class SubmitRun(_Request, frozen=True, kw_only=True, tag="submit"):
     suffix: Literal[".json", ".npz", ".csv"] = ".json"
     name: _Name = "shipped excitation"
     periods: Annotated[int, Meta(ge=1, le=10_000)] | None = None
-    amplitude: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    amplitude: Annotated[float, Meta(ge=SMALLEST_AMPLITUDE, le=LARGEST_AMPLITUDE)] | None = None
     fit: bool | None = None
     confirmed: bool = False
 

@@ -115,6 +115,7 @@ def test_an_absent_request_is_missing_input(tmp_path: Path) -> None:
         ("periods", 0),
         ("bind_port", 70000),
         ("amplitude", 1.5),
+        ("amplitude", 0.0099),
         ("amplitude", float("nan")),
         ("table_period_s", 0.0),
         ("receive_timeout_s", float("inf")),

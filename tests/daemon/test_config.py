@@ -90,6 +90,7 @@ def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
         ("control: {endpoint: 'udp://127.0.0.1:5555'}", "control.endpoint"),
         ("run: {periods: 0}", "run.periods"),
         ("run: {amplitude: 2}", "run.amplitude"),
+        ("run: {amplitude: 1.0e-300}", "run.amplitude"),
         ("run: {external_torque_limit: [1, 2]}", "run.external_torque_limit"),
         ("run: {external_torque_limit: [60000, 60000, 60000, 30000, 12000, 12000, 6000]}", "run.external_torque_limit"),
         ("run: {maximum_distance_to_measured: 5.7}", "run.maximum_distance_to_measured"),

@@ -81,6 +81,7 @@ def test_another_version_is_said_to_be_one(api: int | None) -> None:
         {"periods": 10**9},
         {"periods": 1.5},
         {"amplitude": 0},
+        {"amplitude": 1e-300},
         {"amplitude": 1.0001},
         {"suffix": ".pkl"},
         {"name": "n" * 201},
