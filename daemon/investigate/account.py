@@ -168,3 +168,20 @@ def save(folder: Path, account: Account) -> Account:
     except OSError as error:
         raise LogIOError(str(folder / NAME), error) from error
     return account
+
+
+def not_asked_for(action: Action | None, account: Account, folder: Path) -> ConfigurationError:
+    """What is said of an action that would be judged as another one, or as nothing."""
+    if account.state is State.NEEDS_ACTION and account.asks:
+        options = ["--added-mass" if asked is Action.ADD_MASS else f"--done {asked}" for asked in account.asks]
+        return ConfigurationError(
+            f"it asks for `{'` or `'.join(options)}`, not for `--done {action}`: a motion after another action settles "
+            "nothing that is open. Once the arm is as it was, do what is asked.",
+            file=str(folder),
+        )
+    return ConfigurationError(
+        f"it is {account.state.value.replace('_', ' ')}, and nothing asks for `--done {action}` now: what was done to "
+        "the arm counts where the investigation needs an action or is settled. Once the arm is as it was, give "
+        "the command without it.",
+        file=str(folder),
+    )

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from daemon.errors import ConfigurationError
-from daemon.investigate.account import Account, Motion, Recorded, Told, save
+from daemon.investigate.account import Account, Motion, Recorded, Told, not_asked_for, save
 from daemon.investigate.motions import (
     FIRST_PERIODS,
     SAME_MOTION,
@@ -150,6 +150,9 @@ class Investigation:
                 "nothing moves again by itself: look at the arm and the cabinet, then add --after-drop.",
                 file=str(self._folder),
             )
+        asks = self.account.asks if state is State.NEEDS_ACTION else ()
+        if asks and acted not in (None, Action.ADD_MASS, *asks):  # a mass is what is on the flange, asked for or not
+            raise not_asked_for(acted, self.account, self._folder)
         if state in (State.NEEDS_ACTION, State.SETTLED):
             self._keep(added_mass=mass)
             if acted is not None:
@@ -158,12 +161,7 @@ class Investigation:
                 self._keep(state=after(state, Event.RESUMED))
             return
         if acted not in expected:
-            raise ConfigurationError(
-                f"it is {state.value.replace('_', ' ')}, and nothing asks for `--done {acted}` now: what was done to "
-                "the arm counts where the investigation needs an action or is settled. Once the arm is as it was, give "
-                "the command without it.",
-                file=str(self._folder),
-            )
+            raise not_asked_for(acted, self.account, self._folder)
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
         self._keep(state=after(state, event), added_mass=mass)
 

@@ -176,6 +176,23 @@ def test_an_action_that_nothing_asks_for_is_not_passed_over(tmp_path: Path, stat
     assert doing.account.doing is Action.TURN_TOOL
 
 
+def test_an_action_beside_the_one_that_is_asked_for_is_refused_with_what_is(tmp_path: Path) -> None:
+    """A turned tool is asked for: a warm arm settles nothing of it; a mass is on the flange, asked for or not."""
+    account = begun(tmp_path, state=State.NEEDS_ACTION, asks=(Action.TURN_TOOL, Action.ADD_MASS))
+    again = investigation(tmp_path, account, ScriptedDriver())
+    with pytest.raises(
+        ConfigurationError, match="asks for `--done turn_tool` or `--added-mass`, not for `--done warm_up`"
+    ):
+        again.resume(acted=Action.WARM_UP)
+    assert read_account(tmp_path) == account
+    again.resume(acted=Action.TURN_TOOL)
+    assert again.account.doing is Action.TURN_TOOL
+    unasked = begun(tmp_path / "b", state=State.NEEDS_ACTION, asks=(Action.TURN_TOOL,))
+    weighted = investigation(tmp_path / "b", unasked, ScriptedDriver())
+    weighted.resume(acted=Action.ADD_MASS, added_mass=MASS)
+    assert weighted.account.added_mass == MASS
+
+
 def test_a_second_warm_up_is_judged_with_the_first_and_uses_the_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
