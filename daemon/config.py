@@ -227,7 +227,7 @@ def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Set
             text, place = "a key is no text; inside braces a value with commas in it needs quotes", place[8:]
         elif text.startswith("Expected `str") and text.endswith(("`int`", "`float`", "`bool`")):
             text += "; it needs quotes"
-        place = place.strip("`$.")
+        place = _with_its_name(place.strip("`$."), data, kind)
         raise ConfigurationError(f"{text}.", file=str(file), field=place or _key_in(text)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(f"is no YAML: {' '.join(str(error).split())}.", file=str(file)) from error
@@ -239,6 +239,18 @@ def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Set
             field=key,
         )
     return settings
+
+
+def _with_its_name(place: str, data: bytes, kind: type[Any]) -> str:
+    """A place in the file with the name of the entry in place of the dots that stand for any of them."""
+    section, dots, rest = place.partition("[...]")
+    entries = msgspec.yaml.decode(data).get(section) if dots else None
+    for name, entry in entries.items() if isinstance(entries, dict) else ():
+        try:
+            msgspec.convert({section: {name: entry}}, type=kind)
+        except msgspec.ValidationError:
+            return f"{section}.{name}{rest}"
+    return place
 
 
 def _named_twice(data: bytes) -> tuple[str, int] | None:
