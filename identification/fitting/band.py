@@ -16,12 +16,12 @@ from itertools import pairwise, starmap
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, direction_of
 from identification.errors import EstimationError
 from identification.fitting.blocks import Block, RowsOverTime, build_block
 from identification.fitting.estimate import estimate_parameters
 from identification.recordings.recording import Recording
-from identification.signals.aperiodic import process_aperiodic, uniform_grid
+from identification.signals.aperiodic import motion_cutoff, process_aperiodic, uniform_grid, zero_phase_low_pass
 from identification.signals.periodic import to_lines
 
 LOWEST_HZ = 10.0
@@ -103,7 +103,8 @@ def choose_low_pass(recordings: Sequence[Recording], regressor: BaseRegressor) -
                 noisy = band
                 break
         try:
-            result = estimate_parameters([_below(block, band) for block in blocks], regressor.names, "weighted")
+            rows = [_below(_with_friction_of(block, regressor, band), band) for block in blocks]
+            result = estimate_parameters(rows, regressor.names, "weighted")
         except EstimationError:
             continue
         found = result.least_squares.values
@@ -212,6 +213,23 @@ def _in_lines(block: Block) -> Block:
         evaluation=RowsOverTime(()),
         evaluation_held_out=None,
     )
+
+
+def _with_friction_of(block: Block, regressor: BaseRegressor, band_hz: float) -> Block:
+    """The lines with Coulomb friction's columns as a fit in that band has them: it smooths the velocity itself.
+
+    In a wider one, noise of the position turns the sign of a slow velocity back and forth, on all lines.
+    """
+    signals, columns = block.signals, block.columns.copy()
+    step = float(signals.time[1] - signals.time[0])
+    velocity = zero_phase_low_pass(signals.velocity, step, motion_cutoff(band_hz, step))
+    friction = signals.project(direction_of(velocity, regressor.options.coulomb_velocity))
+    lines = to_lines(np.where(block.fitted, friction, 0.0), (len(friction) - 1) // 2)
+    names = [regressor.full_names[position] for position in regressor.kept]
+    for joint in range(regressor.robot.n):
+        if f"FS_{joint + 1}" in names:
+            columns[:, joint, names.index(f"FS_{joint + 1}")] = lines[:, joint]
+    return replace(block, columns=columns)
 
 
 def _below(block: Block, band_hz: float) -> Block:

@@ -55,6 +55,11 @@ def cutoff_of(low_pass_hz: float | None, sampling_period_s: float) -> float:
     return low_pass_hz
 
 
+def motion_cutoff(cutoff_hz: float, sampling_period_s: float) -> float:
+    """The cutoff in Hz that the position is smoothed with before it is differentiated, for a cutoff of the rows."""
+    return min(MOTION_OVER_CUTOFF * cutoff_hz, 0.4 / sampling_period_s)
+
+
 def cutoff_as_far_as(low_pass_hz: float | None, sampling_period_s: float) -> float | None:
     """The cutoff that other recordings had, Hz; an eighth of the sampling rate where this rate is too low for it."""
     rate = 1.0 / sampling_period_s
@@ -106,7 +111,7 @@ def _process_piece(
 ) -> ProcessedSignals:
     step = recording.sampling_period_s
     time, position, torque = uniform_grid(recording.time[rows], recording.position[rows], recording.torque[rows], step)
-    position = zero_phase_low_pass(position, step, min(MOTION_OVER_CUTOFF * cutoff_hz, 0.4 / step))
+    position = zero_phase_low_pass(position, step, motion_cutoff(cutoff_hz, step))
     velocity = sixth_order_difference(position, step)
     acceleration = sixth_order_difference(velocity, step)
     stride = max(1, int(1.0 / step / (ROWS_PER_CUTOFF_PERIOD * cutoff_hz)))
