@@ -5,7 +5,7 @@ five folds; a parameter set is taken over the next smaller one when it lowers th
 the joints) by more than 1 %, and those of at least half of the joints. Candidates: neither, offset, rotor inertia,
 both; none with a parameter that the motion cannot tell apart from others (an offset from Coulomb friction where no
 velocity reverses). Rotor inertias of which most come out negative are none (behind a gear's torque sensor they only
-absorb what else the model lacks): such a candidate is not taken. Where the noise is known, an offset is a matter of the
+absorb what else the model lacks): such a candidate is not taken. With periods an offset is a matter of the
 mean torque alone, one line of each joint, which says nothing on the others: there at least half of the joints must show
 one that is clear of its own uncertainty. Fewer are effects of those joints, which the diagnosis names.
 """

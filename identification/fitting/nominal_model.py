@@ -121,7 +121,8 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
     blocks = build_blocks(processed, regressor, settings)
     largest = regressor, blocks
     known = all(block.signals.row_noise is not None for block in blocks)
-    offsets_are_open = known and asked["offset"] is None
+    of_periods = all(block.signals.row_time is None for block in blocks)
+    offsets_are_open = of_periods and asked["offset"] is None
     if None in asked.values():
         chosen = regressor.options
         if offsets_are_open:

@@ -81,3 +81,14 @@ def test_the_mean_of_a_period_is_never_held_out(iiwa14: RobotModel, table3: Phys
     values = dict(zip(found.names, found.values, strict=True))
     assert values["IA_7"] == pytest.approx(ROTOR[6], rel=0.05)
     assert found.provenance["drive_choice_held_out_cost"]["both"] < 0.5
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0])
+def test_a_single_period_gets_offsets_where_they_are(
+    iiwa14: RobotModel, table3: PhysicalParameters, offset: float
+) -> None:
+    """Its mean alone tells one: as the other lines are fitted no worse without it, rounding gave offsets to any arm."""
+    q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1250, seed=4, speed=0.4)
+    torque = inverse_dynamics(iiwa14, table3, q, dq, ddq) + offset * OFFSET
+    found = fit_recordings([recording_of(q, torque, period_s=10.0)], iiwa14, FitSettings(physical=False))
+    assert found.regressor.options.offset is bool(offset)
