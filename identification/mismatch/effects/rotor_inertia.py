@@ -21,6 +21,7 @@ class RotorInertia(OwnJointEffect):
 
     name = "rotor_inertia"
     units = ("kg m²",)
+    one_sided = True
     separating_experiment = "Move joint after joint alone with high acceleration, with the arm folded and stretched."
 
     def own_torque(self, motion: Motion, joint: int, shape: Mapping[str, float]) -> FloatArray:

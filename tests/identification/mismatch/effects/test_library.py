@@ -197,6 +197,13 @@ def test_a_base_that_yields_in_one_direction_says_so_and_none_drives_its_own_lea
     assert effect.is_impossible(np.array([0.0, 0.0, 1e-5]))
 
 
+def test_no_motor_has_an_inertia_below_zero() -> None:
+    """A hose with hysteresis was told as -0.0103 +- 0.003 kg m2 of a motor."""
+    effect = effect_named("rotor_inertia")
+    assert effect.is_impossible(np.array([-0.0103]))
+    assert not effect.is_impossible(np.array([0.0103]))
+
+
 def test_a_tenth_of_a_torque_that_is_60_ms_late_is_no_delay() -> None:
     """Sound arm of another simulator, all friction turning over by tanh: 0.109 +- 0.012 of it seemed 60 ms late."""
     effect = effect_named("torque_delay")
