@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import joint_name, linear, shaped, size_of
 from identification.mismatch.motion import Motion
@@ -50,6 +51,10 @@ class TorqueSensorGain(Effect):
             turning = shape["turning_cosine"] * np.cos(angle) + shape["turning_sine"] * np.sin(angle)
             values = values * (1.0 + turning)[:, None, None]
         return Columns(joints, values) if values.any() else None
+
+    def is_impossible(self, coefficients: FloatArray, std: FloatArray | None = None) -> bool:
+        """Whether the sensor would read the other way round: a sign is told as such, it is no error of a gain."""
+        return bool(coefficients[0] <= -1.0)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """The gain error in per cent, and the shares of it that turn with the angle where these are not zero."""

@@ -204,6 +204,12 @@ def test_no_motor_has_an_inertia_below_zero() -> None:
     assert not effect.is_impossible(np.array([0.0103]))
 
 
+def test_a_sensor_that_reads_the_other_way_round_has_no_error_of_its_gain() -> None:
+    effect = effect_named("torque_sensor_gain")
+    assert effect.is_impossible(np.array([-2.11]))
+    assert not effect.is_impossible(np.array([-0.9]))
+
+
 def test_a_tenth_of_a_torque_that_is_60_ms_late_is_no_delay() -> None:
     """Sound arm of another simulator, all friction turning over by tanh: 0.109 +- 0.012 of it seemed 60 ms late."""
     effect = effect_named("torque_delay")
