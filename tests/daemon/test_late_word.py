@@ -35,13 +35,14 @@ def test_a_recorder_that_ended_well_is_not_replaced_before_its_last_word_is_hear
     )  # fmt: skip
     closed: list[bool] = []
     recorder: Any = SimpleNamespace(
-        alive=False, process=SimpleNamespace(returncode=0), close=lambda: closed.append(True)
+        alive=False, process=SimpleNamespace(returncode=0), wait=lambda _: 0, close=lambda: closed.append(True)
     )  # fmt: skip
     run = _Acquisition(gentle_request(tmp_path, 1), lambda _: None, StopHandle())
     inbox: Any = LateInbox([], [], [], [last])
     run._inbox, run._recorder, run._parts = inbox, recorder, [tmp_path / "recording.mcap"]
     run._watch_recorder()
     run._finish_recording()
+    run._end_recorder()  # as once the books are closed
     assert run._finished == {0: last}
     assert run._parts == [tmp_path / "recording.mcap"]
     assert closed == [True]
