@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.audit.evidence import between_parts
 from identification.regressor import link_columns
 from identification.robots.model import RobotModel
 
@@ -98,16 +99,12 @@ def unknown_load(
 
 def _spread(columns: FloatArray, external: FloatArray, block: IntArray) -> FloatArray:
     """Covariance (P, P) of the parameters by the jackknife over blocks: neighbouring rows are wrong alike."""
-    width, estimates = columns.shape[2], []
+    width = columns.shape[2]
     parts = [(columns[block == each].reshape(-1, width), external[block == each].ravel()) for each in range(BLOCKS)]
-    normal, right = (
-        np.array([part.T @ part for part, _ in parts]),
-        np.array([part.T @ known for part, known in parts]),
-    )
-    for each in range(BLOCKS):
-        kept = normal.sum(axis=0) - normal[each], right.sum(axis=0) - right[each]
-        estimates.append(np.linalg.lstsq(*kept, rcond=None)[0])
-    return np.asarray(np.cov(np.array(estimates).T, bias=True) * (BLOCKS - 1))
+    normal = np.array([part.T @ part for part, _ in parts])
+    right = np.array([part.T @ known for part, known in parts])
+    kept = zip(normal.sum(axis=0) - normal, right.sum(axis=0) - right, strict=True)
+    return between_parts(np.array([np.linalg.lstsq(*each, rcond=None)[0] for each in kept]))
 
 
 def _left(columns: FloatArray, external: FloatArray, fitted: BoolArray) -> tuple[FloatArray, FloatArray]:
