@@ -32,7 +32,7 @@ def shaped(name: str, estimate: Estimate, unit: str, *, scale: float = 1.0, call
 
 def deviation(estimate: Estimate, index: int) -> float:
     """Standard deviation of one coefficient."""
-    return math.sqrt(max(0.0, float(estimate.covariance[index, index])))
+    return float(estimate.std[index])
 
 
 def harmonic(estimate: Estimate) -> Harmonic:
