@@ -311,9 +311,9 @@ def see_to_the_account(request: RunRequest, ring: HandoverRing, supervision: Sup
     The loop's process does so where the supervisor was gone at its end. It leaves where the supervisor lived, which may
     be killed any moment later. A loop that never said that it had finished, and is silent for good, writes nothing.
     """
+    folder = Path(request.out_dir)
     while not find_run_file(request, RUN_NAME).is_file():
-        loops = processes_of("daemon.run.loop_process", Path(request.out_dir))
-        if supervision.is_orphan and (not ring.finished or not loops):
+        if supervision.is_orphan and not (ring.finished and processes_of("daemon.run.loop_process", folder)):
             report = loop_report_without_loop(ring, None, "")
             with contextlib.suppress(DaemonError):
                 report = read_json(find_run_file(request, REPORT_NAME), LoopReport)
