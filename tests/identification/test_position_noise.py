@@ -129,15 +129,21 @@ ASKEW = """<robot name="askew"><link name="l0"/><link name="l1"/><link name="l2"
 </robot>"""
 
 
+def swinging(clock: FloatArray, size: FloatArray, turning: FloatArray, phase: FloatArray) -> list[FloatArray]:
+    """(S, n) each: position, velocity and acceleration of sines; size, turning, phase: (k, n) rad, rad/s, rad."""
+    angle = clock[:, None, None] * turning + phase
+    waves = size * np.sin(angle), size * turning * np.cos(angle), -size * turning**2 * np.sin(angle)
+    return [wave.sum(axis=1) for wave in waves]
+
+
 def test_inertias_that_the_noise_has_shrunk_do_not_say_how_much_torque_it_makes(tmp_path: Path) -> None:
     """Of an arm whose inertias a motion tells badly, a wider band left ever less inertia, and the wider ones passed."""
     (tmp_path / "askew.urdf").write_text(ASKEW, encoding="utf-8")
     robot, random = load_robot(tmp_path / "askew.urdf"), np.random.default_rng(0)
     clock = np.arange(0.0, 20.0, 0.004)
     turning = 2.0 * np.pi * random.uniform(0.05, 0.25, (5, 3))
-    size, angle = 0.35 * random.normal(size=(5, 3)), clock[:, None, None] * turning + random.uniform(0.0, 6.0, (5, 3))
-    waves = size * np.sin(angle), size * turning * np.cos(angle), -size * turning**2 * np.sin(angle)
-    q, dq, ddq = (wave.sum(axis=1) for wave in waves)
+    size, phase = 0.35 * random.normal(size=(5, 3)), random.uniform(0.0, 6.0, (5, 3))
+    q, dq, ddq = swinging(clock, size, turning, phase)
     bodies = PhysicalParameters(
         mass=np.full(3, 3.0),
         center_of_mass=np.full((3, 3), 0.05),
@@ -161,9 +167,7 @@ def test_slow_joints_whose_sign_the_noise_turns_are_compared_in_a_narrow_band(tm
     robot, random = load_robot(tmp_path / "askew.urdf"), np.random.default_rng(5)
     clock = np.arange(0.0, 40.0, 0.002)
     turning = 2.0 * np.pi * random.uniform(0.05, 0.5, (5, 3))
-    size, angle = 0.05 * random.normal(size=(5, 3)) / turning, clock[:, None, None] * turning
-    waves = size * np.sin(angle), size * turning * np.cos(angle), -size * turning**2 * np.sin(angle)
-    q, dq, ddq = (wave.sum(axis=1) for wave in waves)
+    q, dq, ddq = swinging(clock, 0.05 * random.normal(size=(5, 3)) / turning, turning, np.zeros((5, 3)))
     bodies = PhysicalParameters(
         mass=np.full(3, 5.0),
         center_of_mass=np.full((3, 3), 0.1),
