@@ -1,6 +1,6 @@
 """What was lost before the loop, from the messages that it recorded: its own rule, asked once more.
 
-Whoever reads records or a log calls this. Not here: the rule itself (`robot_counter`).
+Not here: the rule itself (`robot_counter`).
 """
 
 from __future__ import annotations
