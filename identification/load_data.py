@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
-from identification.audit.evidence import between_parts
 from identification.regressor import link_columns
 from identification.robots.model import RobotModel
 
@@ -99,6 +98,8 @@ def unknown_load(
 
 def _spread(columns: FloatArray, external: FloatArray, block: IntArray) -> FloatArray:
     """Covariance (P, P) of the parameters by the jackknife over blocks: neighbouring rows are wrong alike."""
+    from identification.audit.evidence import between_parts  # here: it loads scipy, which a run moves without
+
     width = columns.shape[2]
     parts = [(columns[block == each].reshape(-1, width), external[block == each].ravel()) for each in range(BLOCKS)]
     normal = np.array([part.T @ part for part, _ in parts])
