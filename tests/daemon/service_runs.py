@@ -85,7 +85,14 @@ def words_of(process: psutil.Process) -> str:
 
 
 def child_of(process: psutil.Process, module: str) -> psutil.Process:
-    return next(child for child in process.children() if module in " ".join(child.cmdline()))
+    """The child that runs this module; waited for, as one that was just started has no command line for a moment."""
+    until_s = time.monotonic() + WATCHDOG_S
+    while time.monotonic() < until_s:
+        for child in process.children():
+            if module in words_of(child):
+                return child
+        time.sleep(0.001)
+    raise AssertionError(f"no child of {process.pid} runs {module}")
 
 
 def start_run(request: RunRequest) -> subprocess.Popen[str]:
