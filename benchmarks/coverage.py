@@ -54,7 +54,7 @@ def covered(experiment: Experiment, case: str, draws: int, seed: int) -> tuple[F
         assert processed is not None
         model = choose_nominal_model([processed], experiment.robot, settings)
         regressor = model.regressor
-        larger += regressor.options.offset or regressor.options.coulomb_velocity > 0.0
+        larger += regressor.options.offset or regressor.options.turns_gently
         estimate = estimate_nominal(model, [processed], settings)[1].least_squares
         own = [regressor.names.index(name) for name in experiment.base.names]
         error = np.abs(estimate.values[own] - experiment.truth)

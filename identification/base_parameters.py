@@ -21,6 +21,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from identification.arrays import FloatArray, IntArray
 from identification.regressor import INERTIAL_SYMBOLS, fill_rigid_body_columns, rigid_body_columns, torque_regressor
@@ -44,20 +45,26 @@ _INDEPENDENCE_TOLERANCE = 1e-8
 _COEFFICIENT_TOLERANCE = 1e-10
 
 
+Widths = float | tuple[float, ...]
+"""Velocity over which Coulomb friction turns over, rad/s (m/s): of all joints, or of each. 0: sign(q̇)."""
+WIDTH = "coulomb_velocity"
+
+
 @dataclass(frozen=True, slots=True)
 class RegressorOptions:
     """Which effects stand beside the rigid body, each as one parameter per joint.
 
     viscous: FV_i, friction per velocity. coulomb: FS_i, times sign(q̇_i). rotor_inertia: IA_i, the drive's inertia seen
     at the joint; wanted where torque is measured on the motor side. offset: OFF_i, a constant torque. coulomb_velocity:
-    rad/s (m/s) over which Coulomb friction turns over, times tanh(q̇_i/v) then; 0: sign(q̇_i), eq. (1).
+    rad/s (m/s) over which Coulomb friction turns over, times tanh(q̇_i/v) then; 0: sign(q̇_i), eq. (1). One for all
+    joints, or one for each.
     """
 
     viscous: bool = True
     coulomb: bool = True
     rotor_inertia: bool = False
     offset: bool = False
-    coulomb_velocity: float = 0.0
+    coulomb_velocity: Widths = 0.0
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -65,7 +72,12 @@ class RegressorOptions:
         chosen = (("FV", self.viscous), ("FS", self.coulomb), ("IA", self.rotor_inertia), ("OFF", self.offset))
         return tuple(symbol for symbol, wanted in chosen if wanted)
 
-    def to_json(self) -> dict[str, bool | float]:
+    @property
+    def turns_gently(self) -> bool:
+        """Whether Coulomb friction of any joint turns over gently."""
+        return bool(np.any(np.asarray(self.coulomb_velocity) > 0.0))
+
+    def to_json(self) -> dict[str, Any]:
         """Every option by name, as plain JSON types."""
         return asdict(self)
 
@@ -76,11 +88,13 @@ class RegressorOptions:
         Raises TypeError or ValueError for a value that is none, such as a width below zero.
         """
         known = cls().to_json()
-        return cls(**{name: type(default)(data[name]) for name, default in known.items() if name in data})  # type: ignore[arg-type]
+        chosen = {name: type(default)(data[name]) for name, default in known.items() if name in data and name != WIDTH}
+        return cls(**chosen, coulomb_velocity=widths_of(data.get(WIDTH, 0.0)))
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.coulomb_velocity < np.inf:
-            raise ValueError(f"coulomb_velocity is {self.coulomb_velocity}; it must be a number from 0 on")
+        widths = np.asarray(self.coulomb_velocity)
+        if not np.all((widths >= 0.0) & (widths < np.inf)):
+            raise ValueError(f"{WIDTH} is {self.coulomb_velocity}; it must be a number from 0 on")
 
 
 class BaseRegressor:
@@ -242,9 +256,42 @@ def plain_name(name: str) -> str:
     return re.sub(r"^(M|MX|MY|MZ|XX|XY|XZ|YY|YZ|ZZ|FV|FS|IA|OFF)R_", r"\1_", name)
 
 
-def direction_of(velocity: FloatArray, coulomb_velocity: float) -> FloatArray:
-    """What Coulomb friction is proportional to: sign(q̇), 0 at rest, or tanh(q̇/v) where v > 0 is given, rad/s."""
-    return np.sign(velocity) if coulomb_velocity == 0.0 else np.asarray(np.tanh(velocity / coulomb_velocity))
+def direction_of(velocity: FloatArray, coulomb_velocity: Widths) -> FloatArray:
+    """What Coulomb friction is proportional to: sign(q̇), 0 at rest, or tanh(q̇/v) where v > 0 is given, rad/s.
+
+    velocity: (..., n) of all joints, or of any shape where one width is given.
+    """
+    widths = np.asarray(coulomb_velocity)
+    sharp = widths == 0.0
+    if sharp.all():
+        return np.sign(velocity)
+    return np.asarray(np.where(sharp, np.sign(velocity), np.tanh(velocity / np.where(sharp, 1.0, widths))))
+
+
+def width_of(coulomb_velocity: Widths, joint: int) -> float:
+    """The width of one joint (from 0)."""
+    return coulomb_velocity[joint] if isinstance(coulomb_velocity, tuple) else coulomb_velocity
+
+
+def widths_of(values: ArrayLike) -> Widths:
+    """Widths (n,) as the options hold them: one number where all are the same. Raises TypeError, ValueError."""
+    widths = np.asarray(values, dtype=np.float64)
+    if widths.ndim > 1 or not widths.size:
+        raise ValueError(f"{WIDTH} is {values!r}; it is one number, or one for each joint")
+    every = tuple(np.atleast_1d(widths).tolist())
+    return every[0] if len(set(every)) == 1 else every
+
+
+def told_widths(coulomb_velocity: Widths, robot: RobotModel) -> str:
+    """Such as "±9.8 mrad/s" or, of an arm with a lift, "±9.8 mrad/s and ±2.1 mm/s"."""
+    widths = np.broadcast_to(coulomb_velocity, robot.n)
+    revolute = robot.kinematics.revolute
+    told = [
+        f"±{1e3 * width:.1f} {unit}"
+        for unit, own in (("mrad/s", revolute), ("mm/s", ~revolute))
+        for width in np.unique(widths[own & (widths > 0.0)])
+    ]
+    return " and ".join(told)
 
 
 def _extra_values(

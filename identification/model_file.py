@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.base_parameters import WIDTH, BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings.independence import holds_samples, recording_names
@@ -120,6 +120,10 @@ class Model:
 
     def regressor(self, robot: RobotModel) -> BaseRegressor:
         """Of these base parameters: as the robot stands, or as the model's own stood where that shows others."""
+        widths = np.ravel(self.options.coulomb_velocity)
+        if len(widths) not in (1, robot.n):
+            field = f"provenance.regressor.{WIDTH}"
+            raise self.error(f"field '{field}' has {len(widths)} numbers, the robot {robot.n} joints", field)
         regressor = BaseRegressor(robot, self.options)
         if set(self.names) == set(regressor.names):
             return regressor

@@ -14,6 +14,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.colour import preceded
+from identification.base_parameters import Widths
 from identification.errors import RecordingError
 from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
@@ -124,7 +125,7 @@ def band_of(recordings: Sequence[Recording]) -> float:
     return min(WIDEST_HZ, 1.0 / (SAMPLES_PER_CUTOFF_PERIOD * step))
 
 
-def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = 0.0) -> Rows:
+def rows_of(recordings: Sequence[Recording], coulomb_velocity: Widths = 0.0) -> Rows:
     """The rows of recordings of one robot, one band for all. Raises RecordingError for one too short or at rest.
 
     coulomb_velocity: rad/s over which a model has Coulomb friction turn over, 0 where it says nothing.
@@ -142,7 +143,7 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: float = 0.0) -> R
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
         measured = np.ptp(recording.torque, axis=0) > 0.0
         pieces = process_aperiodic(recording, low_pass_hz)
-        width = coulomb_velocity or _width_of(pieces)
+        width = np.where(np.asarray(coulomb_velocity) > 0.0, coulomb_velocity, _width_of(pieces))
         for piece in pieces:
             first = 1 + (int(found[-1].block[-1]) if found else -1)
             smooth = Smooth.of(piece, low_pass_hz)

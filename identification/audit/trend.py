@@ -17,7 +17,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.between import fitted_to
-from identification.base_parameters import direction_of
+from identification.base_parameters import direction_of, width_of
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
 from identification.json_values import json_list
@@ -252,7 +252,7 @@ def _mean_over_scatters(evidence: FloatArray, estimates: FloatArray) -> tuple[fl
 def _friction_at(fit: FitResult, joint: int, speed: float) -> tuple[float, float]:
     """FS + FV |q̇| in Nm and its deviation, of FS what has turned over at that speed."""
     direction = np.zeros(len(fit.names))
-    turned_over = float(direction_of(np.array(speed), fit.regressor.options.coulomb_velocity))
+    turned_over = float(direction_of(np.array(speed), width_of(fit.regressor.options.coulomb_velocity, joint - 1)))
     for symbol, share in (("FV", speed), ("FS", turned_over)):
         name = f"{symbol}_{joint}"
         if name in fit.names:

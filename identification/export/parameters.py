@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor, direction_of
+from identification.base_parameters import BaseRegressor, Widths, direction_of
 from identification.errors import InconsistentParametersError, ModelFileError, SolverError
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
 from identification.model_file import Model
@@ -108,7 +108,7 @@ class ModelParameters:
         model.armature = self.rotor_inertia
         return model
 
-    def friction(self, velocity: FloatArray, coulomb_velocity: float = 0.0) -> FloatArray:
+    def friction(self, velocity: FloatArray, coulomb_velocity: Widths = 0.0) -> FloatArray:
         """F_v q̇ + F_s sign(q̇) of eq. (1), Nm, for velocities (..., n) rad/s; coulomb_velocity v: F_s tanh(q̇/v)."""
         direction = direction_of(velocity, coulomb_velocity)
         return np.asarray(self.physical.viscous * velocity + self.physical.coulomb * direction)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from identification.arrays import FloatArray
+from identification.base_parameters import told_widths
 from identification.errors import ModelFileError
 from identification.export.arm import arm_of, with_distinct_names
 from identification.export.check import Agreement, check_export
@@ -114,11 +115,12 @@ def export_model(
         )
     effects = effects_note(model)
     notes = (*notes, *effects.sentences)
-    if model.options.coulomb_velocity > 0.0:
+    width = model.options.coulomb_velocity
+    if model.options.turns_gently:
         notes = (
             *notes,
-            f"Coulomb friction was identified as F_s tanh(q̇/v) with v = {model.options.coulomb_velocity:.3g} rad/s "
-            "(m/s); the format has no place for v, which stands in the file beside this one.",
+            f"Coulomb friction was identified as F_s tanh(q̇/v) with v = "
+            f"{told_widths(width, robot)}; the format has no place for v, which stands in the file beside this one.",
         )
     skeleton = _skeleton(robot, path)
     if form == "urdf":
@@ -133,15 +135,14 @@ def export_model(
     origins = () if parameters.origins is None else parameters.origins.sentences()
     path.write_text(document(root, (source, *notes, *origins)), encoding="utf-8")
     beside = None
-    width = model.options.coulomb_velocity
-    if effects.left_out or width > 0.0:
+    if effects.left_out or model.options.turns_gently:
         beside = path.with_name(path.name + ".effects.json")
         content: dict[str, Any] = {
             "format": "iiwa-ident/effects/1",
             "model": path.name,
             "effects": list(effects.left_out),
         }
-        if width > 0.0:
+        if model.options.turns_gently:
             content["friction_transition"] = {"velocity": width, "unit": "rad/s", "law": "F_s tanh(q̇/velocity)"}
         beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     agreements, complaints = check_export(path, form, robot, parameters)

@@ -12,6 +12,7 @@ one that is clear of its own uncertainty. Fewer are effects of those joints, whi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,7 @@ def choose_drive_parameters(
 
     rotor_inertia, offset: True or False fixes that one, None leaves it open.
     """
-    folds = _fold_products(blocks)
+    folds = fold_products(blocks)
     every = [
         (rotor, constant)
         for rotor, constant in ((False, False), (False, True), (True, False), (True, True))
@@ -53,7 +54,8 @@ def choose_drive_parameters(
     ]
     left_open = [_directions_left_open(folds, _columns(regressor, *candidate)) for candidate in every]
     candidates = [candidate for candidate, count in zip(every, left_open, strict=True) if count <= left_open[0]]
-    squares = {candidate: _held_out_squares(folds, _columns(regressor, *candidate)) for candidate in candidates}
+    squares = {candidate: held_out_squares(folds, _columns(regressor, *candidate)) for candidate in candidates}
+    squares = {candidate: values[~np.isnan(values)] for candidate, values in squares.items()}
     scores = {candidate: float(np.exp(np.mean(np.log(values)))) for candidate, values in squares.items()}
     best = candidates[0]
     for candidate in candidates[1:]:
@@ -92,19 +94,16 @@ def _columns(regressor: BaseRegressor, rotor_inertia: bool, offset: bool) -> Int
     return np.array([index for index, name in enumerate(full) if not name.startswith(dropped)], dtype=np.int64)
 
 
-def _fold_products(blocks: list[Block]) -> list[FloatArray]:
-    """[Y τ]ᵀ[Y τ] per fold and joint, (n, p + 1, p + 1) each; the last is of rows that are never held out.
+def folds_of(blocks: Sequence[Block]) -> list[IntArray]:
+    """Number of the fold of each row (R,) of each block; FOLDS for a row that is never held out.
 
     Folds are of recordings where there are several, as what drifts within one is alike in all of its parts; of one
     recording they are contiguous in time, interleaved in lines. The mean of a period is in none: no other line tells an
     offset.
     """
-    size = blocks[0].columns.shape[2]
-    joints = blocks[0].columns.shape[1]
-    folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS + 1)]
     total = sum(len(block.torque) for block in blocks)
     several = len({block.recording for block in blocks}) > 1
-    passed = 0
+    passed, folds = 0, []
     for block in blocks:
         rows = np.arange(len(block.torque))
         if several:
@@ -114,6 +113,15 @@ def _fold_products(blocks: list[Block]) -> list[FloatArray]:
         else:
             fold = np.minimum((passed + rows) * 2 * FOLDS // total, 2 * FOLDS - 1) % FOLDS
         passed += len(block.torque)
+        folds.append(fold)
+    return folds
+
+
+def fold_products(blocks: Sequence[Block]) -> list[FloatArray]:
+    """[Y τ]ᵀ[Y τ] per fold (`folds_of`) and joint, (n, p + 1, p + 1) each; the last is of rows never held out."""
+    size, joints = blocks[0].columns.shape[2], blocks[0].columns.shape[1]
+    folds = [np.zeros((joints, size + 1, size + 1)) for _ in range(FOLDS + 1)]
+    for block, fold in zip(blocks, folds_of(blocks), strict=True):
         for joint in range(joints):
             for number in range(FOLDS + 1):
                 chosen = block.fitted[:, joint] & (fold == number)
@@ -151,12 +159,12 @@ def _joint_weights(products: FloatArray, columns: IntArray) -> FloatArray:
     return np.asarray(weights, dtype=np.float64)
 
 
-def _held_out_squares(folds: list[FloatArray], columns: IntArray) -> FloatArray:
-    """Sum of squares held out of each joint that has any torque."""
+def held_out_squares(folds: list[FloatArray], columns: IntArray) -> FloatArray:
+    """(n,) sum of squares of the rows of each fold (`fold_products`) under the fit of the others; nan: no torque."""
     total = np.sum(folds, axis=0)
     weights = _joint_weights(total, columns)
     held_out = np.zeros(total.shape[0])
     for fold in folds[:FOLDS]:
         held_out += _squares(fold, columns, _solve(total - fold, weights, columns))
     present = total[:, -1, -1] > 0.0
-    return np.asarray(np.maximum(held_out[present], 1e-300), dtype=np.float64)
+    return np.where(present, np.maximum(held_out, 1e-300), np.nan)

@@ -27,7 +27,7 @@ from identification.fitting.estimate import (
     estimate_parameters,
     estimate_with_bounded_outliers,
 )
-from identification.fitting.friction_width import FrictionWidth, friction_width, width_sentence
+from identification.fitting.friction_width import FrictionWidth, friction_width, held_out_friction_width, width_sentence
 from identification.fitting.instruments import estimate_with_instruments, instrument_pairs
 from identification.fitting.processing import (
     Processed,
@@ -136,14 +136,14 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
         if chosen != regressor.options:
             regressor = BaseRegressor(robot, chosen)
             blocks = blocks_as(largest[1], largest[0], regressor, processed, settings)
-    if settings.coulomb_velocity is None and known:
+    if settings.coulomb_velocity is None and (known or not of_periods):
         width = _friction_width(blocks, regressor, processed, settings)
         wide = replace(regressor.options, coulomb_velocity=width.velocity)
         if width.clear:
             facts["friction_width_gain"] = width.gain.tolist()
             narrow, regressor = regressor, BaseRegressor(robot, wide)
             blocks = blocks_as(blocks, narrow, regressor, processed, settings)
-        elif width.velocity > 0.0:
+        elif known and wide.turns_gently:
             left_out.append((wide, float(width.gain.sum())))
     if offsets_are_open and not regressor.options.offset:
         left_out.append((replace(regressor.options, offset=True), None))
@@ -170,8 +170,8 @@ def notes_on_model(regressor: BaseRegressor, settings: FitSettings) -> list[str]
     notes = []
     if regressor.options.offset and settings.offset == "auto":
         notes.append("Each joint has a constant torque besides (offset): the data ask for it on the arm as a whole")
-    if regressor.options.coulomb_velocity > 0.0 and settings.coulomb_velocity is None:
-        notes.append(width_sentence(regressor.options.coulomb_velocity))
+    if regressor.options.turns_gently and settings.coulomb_velocity is None:
+        notes.append(width_sentence(regressor.options.coulomb_velocity, regressor.robot))
     return notes
 
 
@@ -242,7 +242,10 @@ def _friction_width(
         estimate = estimate_with(blocks, regressor, processed, replace(settings, estimator="maximum_likelihood"))[1]
         values = estimate.least_squares.values
         delays = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
-        width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
+        if all(block.signals.row_noise is not None for block in blocks):
+            width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
+        else:
+            width = held_out_friction_width(blocks, delays, regressor)
         if not width.clear or turn == DELAYS_TAKEN_OFF:
             break
         late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import WIDTH, BaseRegressor
 from identification.fitting.processing import Processed
 from identification.fitting.settings import FitSettings
 from identification.model_file import SPEED
@@ -78,7 +78,8 @@ def _speed(processed: list[Processed]) -> FloatArray:
 def _digest(processed: list[Processed], robot: RobotModel, regressor: BaseRegressor, settings: FitSettings) -> str:
     """SHA-256 of all that the base parameters follow from: inputs, robot, options and settings, but for rounding."""
     told = {name: value for name, value in settings.to_json().items() if name not in WITHOUT_PART_IN_THE_BASE}
-    options = {**regressor.options.to_json(), "coulomb_velocity": f"{regressor.options.coulomb_velocity:.4g}"}
+    widths = [f"{width:.4g}" for width in np.ravel(regressor.options.coulomb_velocity)]
+    options = {**regressor.options.to_json(), WIDTH: widths}
     inputs = [item.recording.source.sha256 for item in processed]
     text = json.dumps([inputs, robot.digest, options, told], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

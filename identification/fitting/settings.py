@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
+from identification.base_parameters import Widths
 from identification.errors import EstimationError
 from identification.estimators.feasibility import FeasibilityRules
 from identification.fitting.choices import Choice, DelayCorrection, Estimator, Pipeline
@@ -83,9 +84,9 @@ class FitSettings:
     delay_correction: shift the torque by the delay estimated against the position, one for all joints or one each;
     "no" only reports it. rotor_inertia, offset: whether each joint gets that parameter; "auto" = as
     `fitting.drives` decides, but no rotor inertia for the built-in arms, whose torque sensors sit behind the gear.
-    coulomb_velocity: rad/s (m/s) over which Coulomb friction turns over on all joints, 0 = sign(q̇), None = as
-    `fitting.friction_width` decides. flip_torque: turn the sign of all torques first. check_torque_sign: refuse a
-    recording whose torque has the wrong sign. physical: also solve for physically feasible parameters. bounds:
+    coulomb_velocity: rad/s (m/s) over which Coulomb friction turns over on all joints, or on each, 0 = sign(q̇),
+    None = as `fitting.friction_width` decides. flip_torque: turn the sign of all torques first. check_torque_sign:
+    refuse a recording whose torque has the wrong sign. physical: also solve for physically feasible parameters. bounds:
     entries of `FeasibilityRules` by name, in place of the robot's defaults. full_consistency: program (10) also
     asks for positive semidefinite pseudo-inertias. starts, seed: of the constrained program.
     """
@@ -99,7 +100,7 @@ class FitSettings:
     delay_correction: DelayCorrection = "no"
     rotor_inertia: Choice = "auto"
     offset: Choice = "auto"
-    coulomb_velocity: float | None = None
+    coulomb_velocity: Widths | None = None
     flip_torque: bool = False
     check_torque_sign: bool = True
     physical: bool = True

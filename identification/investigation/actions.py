@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
+from identification.base_parameters import Widths, direction_of
 from identification.errors import RecordingError
 from identification.investigation.added_mass import AddedMass
 from identification.mismatch.effects import effect_named
@@ -275,7 +275,7 @@ def _frictions(warm: Sequence[Difference], joint: int) -> tuple[FloatArray, Floa
     return change.reshape(shape), np.asarray(covariance.reshape(*shape, *shape)), float(of_cold[0, 0])
 
 
-def friction_columns(velocity: FloatArray, coulomb_velocity: float, joint: int) -> FloatArray:
+def friction_columns(velocity: FloatArray, coulomb_velocity: Widths, joint: int) -> FloatArray:
     """(S, 3) of one joint (from 0): constant, direction as Coulomb friction has it, speed. velocity: (S, n)."""
     speed = velocity[:, joint]
     return np.stack([np.ones_like(speed), direction_of(velocity, coulomb_velocity)[:, joint], speed], axis=1)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray
+from identification.base_parameters import Widths
 from identification.investigation.actions import friction_columns, is_same
 from identification.investigation.columns import Form, Sums, form_rows, scaled_inverse, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
@@ -56,7 +57,7 @@ class DayTerm:
             f"(chance {self.chance:.1g}): it has a term of its own."
         )
 
-    def torque(self, velocity: FloatArray, coulomb_velocity: float) -> FloatArray:
+    def torque(self, velocity: FloatArray, coulomb_velocity: Widths) -> FloatArray:
         """(S,) Nm along a motion. velocity: (S, n)."""
         return np.asarray(friction_columns(velocity, coulomb_velocity, self.joint) @ self.change)
 

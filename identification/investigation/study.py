@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor
+from identification.base_parameters import BaseRegressor, Widths
 from identification.errors import RecordingError
 from identification.investigation.actions import (
     Action,
@@ -133,7 +133,7 @@ def study(
     return replace(found, day_terms=terms)
 
 
-def _without(recording: Recording, number: int, terms: Sequence[DayTerm], coulomb_velocity: float) -> Recording:
+def _without(recording: Recording, number: int, terms: Sequence[DayTerm], coulomb_velocity: Widths) -> Recording:
     """The recording as it would be had nothing changed since the first one."""
     own = [term for term in terms if term.recording == number]
     if not own:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from identification.arrays import FloatArray, runs_of
-from identification.base_parameters import BaseRegressor, direction_of
+from identification.base_parameters import BaseRegressor, Widths, direction_of
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
 from identification.fitting.settings import Split
@@ -100,7 +100,7 @@ def default_split(recordings: Sequence[Recording], settings: DiagnosisSettings) 
 
 
 def thinned_stretches(
-    recording: Recording, settings: DiagnosisSettings, coulomb_velocity: float
+    recording: Recording, settings: DiagnosisSettings, coulomb_velocity: Widths
 ) -> list[ProcessedSignals]:
     """The stretches of the aperiodic pipeline on a coarser time grid, low-pass and row grid as there.
 
@@ -139,7 +139,7 @@ def build_aperiodic_evidence(
     return tuple(found)
 
 
-def _thinned(signals: ProcessedSignals, cutoff_hz: float, coulomb_velocity: float) -> ProcessedSignals:
+def _thinned(signals: ProcessedSignals, cutoff_hz: float, coulomb_velocity: Widths) -> ProcessedSignals:
     step = float(signals.time[1] - signals.time[0])
     stride = max(1, int(1.0 / step / (SAMPLES_PER_CUTOFF_PERIOD * cutoff_hz)))
     torque, direction = signals.torque, direction_of(signals.velocity, coulomb_velocity)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
+from identification.base_parameters import Widths, direction_of
 from identification.robots import RobotModel
 
 
@@ -36,7 +36,7 @@ class Motion:
     full_parameters: FloatArray
     periodic: bool
     start_s: FloatArray
-    coulomb_velocity: float = 0.0
+    coulomb_velocity: Widths = 0.0
     thinned_direction: FloatArray | None = None
     compared_hz: float = math.inf
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pinocchio
 
 from identification.arrays import BoolArray, FloatArray
-from identification.base_parameters import direction_of
+from identification.base_parameters import Widths, direction_of
 from identification.errors import SimulationError
 from identification.export.parameters import ModelParameters, refuse_unmovable
 from identification.physical_parameters import PhysicalParameters
@@ -58,7 +58,7 @@ class SimulationSettings:
     lead_in_s: float = 0.0
     step_s: float = 0.001
     offset: FloatArray | None = None
-    coulomb_velocity: float = 0.0
+    coulomb_velocity: Widths = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +111,8 @@ def simulate(
     references = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     state = State(float(time[0]), references[0][0].copy(), references[1][0].copy())
     mobility = np.diag(pinocchio.computeMinverse(model, known, state.position))
-    gentle = (chosen.coulomb_velocity > 0.0) & (chosen.step_s * mobility * physical.coulomb <= chosen.coulomb_velocity)
+    widths = np.asarray(chosen.coulomb_velocity)
+    gentle = (widths > 0.0) & (chosen.step_s * mobility * physical.coulomb <= widths)
     dry, turning = np.where(gentle, 0.0, physical.coulomb), np.where(gentle, physical.coulomb, 0.0)
     smooth = _sum(extra_torque, offset, turning, chosen.coulomb_velocity)
     arm = ArmDynamics(model, model.createData(), physical.viscous, dry, smooth)
@@ -135,7 +136,7 @@ def simulate(
     return SimulationResult(time[lead:], references[0][lead:], *series)
 
 
-def _sum(extra: ExtraTorque | None, offset: FloatArray, coulomb: FloatArray, width: float) -> ExtraTorque | None:
+def _sum(extra: ExtraTorque | None, offset: FloatArray, coulomb: FloatArray, width: Widths) -> ExtraTorque | None:
     """All torque that is a smooth function of the state but for viscous friction, None for none."""
     if not (offset.any() or coulomb.any()):
         return extra

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
+from identification.base_parameters import direction_of, width_of
 from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
 from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
@@ -99,9 +99,10 @@ def _wound_up(
 ) -> FloatArray:
     """`torque_behind_spring` with this much viscous and Coulomb friction behind the spring."""
     rigid, (viscous, coulomb) = rigid_torque(motion).torque, behind
+    width = width_of(motion.coulomb_velocity, joint)
 
     def friction(velocity: FloatArray) -> FloatArray:
-        return np.asarray(viscous * velocity + coulomb * direction_of(velocity, motion.coulomb_velocity))
+        return np.asarray(viscous * velocity + coulomb * direction_of(velocity, width))
 
     measured_friction = friction(motion.velocity[:, joint])
     load = rigid[:, joint] + measured_friction

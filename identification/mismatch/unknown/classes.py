@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import direction_of
+from identification.base_parameters import direction_of, width_of
 from identification.mismatch.unknown.functions import responses, smooth_table, stops, tabulated, warped
 from identification.mismatch.unknown.inputs import Inputs
 
@@ -236,7 +236,8 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
     )
     both = velocity * np.clip(inputs.velocity[:, joint, None], -1, 1)
     own, others = inputs.motion.velocity[:, joint, None], np.delete(inputs.motion.velocity, joint, axis=1)
-    turning = [direction_of(others + sign * own, inputs.motion.coulomb_velocity) for sign in (1.0, -1.0)]
+    width = width_of(inputs.motion.coulomb_velocity, joint)
+    turning = [direction_of(others + sign * own, width) for sign in (1.0, -1.0)]
     values = np.concatenate([velocity, acceleration, both, direction, *turning], axis=1)
     return values, inputs.inside("velocity").prod(axis=1)
 
