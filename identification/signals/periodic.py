@@ -1,9 +1,9 @@
 """The periodic pipeline: exact derivatives from the harmonics of the mean period, both sides on the same lines.
 
 Position: its first H harmonics, differentiated exactly (q̇_h = i ω h q_h); H is the last line, below a cap, on which
-any joint's mean position stands clearly above its noise. Torque and regressor columns: computed on the full time grid
-and taken to the same spectral lines 0 … B. Choosing lines is the filter; it is the same on both sides, it wraps, and
-nothing is padded.
+the joint's mean position stands clearly above its noise, or the last of an unbroken run of such lines beyond the cap.
+Torque and regressor columns: computed on the full time grid and taken to the same spectral lines 0 … B. Choosing lines
+is the filter; it is the same on both sides, it wraps, and nothing is padded.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ PASSED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PeriodicSettings:
-    """Largest bandwidths in Hz. motion: of the position's harmonics; torque: of the lines compared on both sides.
+    """Largest bandwidths in Hz. motion: of the position's single harmonics (`motion_harmonics` has those beyond);
+    torque: of the lines compared on both sides.
 
     Within them the data decide: harmonics of the position that stand above their noise, lines of the torque that do.
     Standstills are bridged (`standstill`): without that, lines above 10 Hz bias Coulomb friction by 5 σ, because a
@@ -63,7 +64,9 @@ def process_periodic(
         bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
     finer, samples = average.finer, average.position.shape[0] * average.finer.factor
-    position, velocity, acceleration = smooth_motion(average, settings.motion_bandwidth_hz)
+    position, velocity, acceleration = smooth_motion(
+        average, settings.motion_bandwidth_hz, settings.torque_bandwidth_hz
+    )
     lines = torque_lines(average, settings)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
@@ -91,7 +94,9 @@ def process_periodic(
             "periods": average.periods,
             "samples_per_period": samples,
             "period_s": average.period_s,
-            "motion_harmonics": int(motion_harmonics(average, settings.motion_bandwidth_hz).max(initial=0)),
+            "motion_harmonics": int(
+                motion_harmonics(average, settings.motion_bandwidth_hz, settings.torque_bandwidth_hz).max(initial=0)
+            ),
             "torque_lines": lines,
             "band_hz": lines / average.period_s,
             "notes": list(average.notes),
@@ -143,26 +148,36 @@ def torque_lines(average: PeriodAverage, settings: PeriodicSettings) -> int:
     return min(widest, max(last, FEWEST_LINES, int(LOWEST_BAND_HZ * average.period_s)))
 
 
-def motion_harmonics(average: PeriodAverage, bandwidth_hz: float) -> IntArray:
+def motion_harmonics(average: PeriodAverage, bandwidth_hz: float, widest_hz: float = 0.0) -> IntArray:
     """(n,) harmonics of each joint up to the last within bandwidth_hz on which its mean position is above its noise.
 
+    A motion that does not end there is followed on, up to widest_hz, as long as the lines around each (`smooth_over_
+    lines`) stand above the noise: a single one out there is no motion, and all up to it would be let in.
     One number for all joints would let the noise of the slowest joint into its acceleration. A joint that shows none
     stands still (0): from the noise of its encoder, parameters would be fitted that no motion determines.
     """
     samples = average.position.shape[0]
-    cap = max(1, min(int(bandwidth_hz * average.period_s), (samples - 1) // 2))
+    cap, widest = (
+        max(1, min(int(hertz * average.period_s), (samples - 1) // 2))
+        for hertz in (bandwidth_hz, max(bandwidth_hz, widest_hz))
+    )
     # Same units as the noise spectrum: |line|² / M, white noise of variance s² gives s².
     power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
     noise = np.zeros_like(power) if average.position_spectrum is None else average.position_spectrum / average.periods
     # Quantisation repeats with the motion: period differences do not show it, the lines above the band do.
-    if cap + 1 < len(power):
-        noise = np.maximum(noise, np.median(power[cap + 1 :], axis=0) / np.log(2.0))
+    if widest + 1 < len(power):
+        noise = np.maximum(noise, np.median(power[widest + 1 :], axis=0) / np.log(2.0))
     floor = SMALLEST_AMPLITUDE**2 * samples / 4.0
     above = power[1 : cap + 1] > np.maximum(MOTION_OVER_NOISE * noise[1 : cap + 1], floor)
-    return np.where(above.any(axis=0), cap - np.argmax(above[::-1], axis=0), 0).astype(np.int64)
+    last = np.where(above.any(axis=0), cap - np.argmax(above[::-1], axis=0), 0)
+    around = smooth_over_lines(power)[cap : widest + 1] > np.maximum(MOTION_OVER_NOISE * noise[cap : widest + 1], floor)
+    further = np.cumprod(around, axis=0).sum(axis=0)
+    return np.where(further > 0, cap + further - 1, last).astype(np.int64)
 
 
-def smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def smooth_motion(
+    average: PeriodAverage, bandwidth_hz: float, widest_hz: float = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean position (S, n) of each joint's own harmonics with its first and second derivative, exact for these.
 
     On the grid of the rows, S = M, or on the finer one that their model asks for (`finer_grid`).
@@ -171,7 +186,7 @@ def smooth_motion(average: PeriodAverage, bandwidth_hz: float) -> tuple[FloatArr
         differentiate_harmonics(
             average.finer.refined(average.position[:, joint : joint + 1]), average.period_s, int(harmonics)
         )
-        for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz))
+        for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz, widest_hz))
     ]
     position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
     return position, velocity, acceleration

@@ -21,6 +21,7 @@ from identification.recordings import read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import Hidden, on_joint, record
+from tests.identification.synthetic import inverse_dynamics, recording_of
 from tests.reference import recording_file
 
 FloatArray = npt.NDArray[np.float64]
@@ -174,3 +175,29 @@ def test_resonances_of_the_panda_are_left_outside_the_chosen_band() -> None:
     recording = read_recording(recording_file("panda_excitation.npz"))
     result = fit_recordings([recording], load_robot(robot_of([recording])), BASE_ONLY)
     assert result.settings.low_pass_hz == 10.0
+
+
+def test_a_motion_that_goes_on_beyond_20_hz_is_followed(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """As that of a soft controller does after each reversal of friction: its torque was compared up to 60 Hz, its
+    acceleration was cut off at 20, and every joint seemed to lack something that follows its torque late.
+    """
+    period_s, samples, periods, last = 10.0, 2500, 8, 350
+    random, line = np.random.default_rng(3), np.arange(1, last + 1)
+    size = np.where(line <= 5, 0.05 / line, 2e-3 / line**1.5)[:, None] * random.normal(size=(2, last, 7))
+    rate = (2.0 * np.pi / period_s * line)[:, None, None]
+    angle = rate * (np.arange(samples) * period_s / samples)[None, :, None]
+    parts = [
+        (factor * (size[0][:, None] * one + size[1][:, None] * other)).sum(axis=0)
+        for factor, one, other in (
+            (1.0, np.sin(angle), np.cos(angle)),
+            (rate, np.cos(angle), -np.sin(angle)),
+            (-(rate**2), np.sin(angle), np.cos(angle)),
+        )
+    ]
+    torque = inverse_dynamics(iiwa14, table3, *parts)
+    noise = 0.01 * random.normal(size=(periods * samples, 7))
+    recording = recording_of(
+        np.tile(parts[0], (periods, 1)), np.tile(torque, (periods, 1)) + noise, period_s=period_s, periods=periods
+    )
+    found = fit_recordings([recording], iiwa14, BASE_ONLY)
+    assert not found.misfit.detected.any()
