@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import platform
-import socket
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+
+from tests.ports import free_udp_port
 
 MODULES = {"loop": "daemon.run.loop_process", "recorder": "daemon.run.recorder", "supervisor": "run"}
 SAMPLE_S = 5.0
@@ -50,9 +51,7 @@ def main() -> int:
 
 def measure(minutes: float, folder: Path, summary: Path) -> dict[str, Any]:
     """One run of about this length into `folder`; every figure of the table."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_udp_port()
     period_s = 10.0
     periods = max(1, round((minutes * 60.0 - 5.0) / period_s))
     options = ["--client", f"127.0.0.1:{port}", "--json", str(summary), "--quiet"]

@@ -11,12 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from tests.ports import free_udp_port
 
 COMMAND = [sys.executable, "-c", "from daemon.cli import main; main()"]
 ALLOWED = 1.05
@@ -50,9 +51,7 @@ def main() -> int:
 
 def run(periods: int, *, watched: bool) -> dict[str, Any]:
     """The loop's report of one run from the fake robot, in real time on loopback."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_udp_port()
     with tempfile.TemporaryDirectory(prefix="iiwa-ident-live-") as scratch:
         robot = subprocess.Popen([*COMMAND, "-q", "fake-robot", "--client", f"127.0.0.1:{port}"])
         options = ["--bind", f"127.0.0.1:{port}", "--periods", str(periods), "--no-fit", "--out", f"{scratch}/run"]

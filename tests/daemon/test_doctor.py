@@ -23,6 +23,7 @@ from daemon.runtime_folder import lock_port
 from fri_client.messages import FriVersion
 from fri_client.wire.version_guess import guess_version
 from tests.daemon.command_line import run
+from tests.ports import free_udp_port
 from tests.reference import golden_datagrams
 
 from .producer import Producer
@@ -193,10 +194,7 @@ def examined_until(wanted: str, **options: Any) -> dict[str, DoctorCheck]:
 
 
 def test_a_talking_robot_is_heard_with_version_and_state() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    done = threading.Event()
+    port, done = free_udp_port(), threading.Event()
 
     def talk() -> None:
         producer = Producer(None, FriVersion.V2_7)  # type: ignore[arg-type]
@@ -253,10 +251,7 @@ def test_every_interface_at_once_is_no_good_choice() -> None:
 
 def test_a_robot_that_sends_to_another_address_of_this_machine_is_found() -> None:
     """127.0.0.2 is this machine as well; listening on 127.0.0.1 hears nothing of what is sent there."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    done = threading.Event()
+    port, done = free_udp_port(), threading.Event()
 
     def talk() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:

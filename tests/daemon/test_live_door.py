@@ -20,6 +20,7 @@ import pytest
 
 from daemon.errors import ConfigurationError, MissingInputError
 from daemon.live.door import Door
+from tests.ports import free_tcp_port
 from tests.watchdog import WATCHDOG_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -87,10 +88,7 @@ def test_with_a_key_the_server_speaks_tls_alone(key: Path, tmp_path: Path) -> No
     pytest.importorskip("foxglove")
     client = pytest.importorskip("websockets.sync.client")
     refused = pytest.importorskip("websockets.exceptions").WebSocketException
-    with socket.socket() as one, socket.socket() as other:
-        one.bind(("127.0.0.1", 0))
-        other.bind(("127.0.0.1", 0))
-        port, plotjuggler_port = one.getsockname()[1], other.getsockname()[1]
+    port, plotjuggler_port = free_tcp_port(), free_tcp_port()
     process = subprocess.Popen(
         [sys.executable, "-m", "daemon.live.server", "--port", "30987", "--foxglove-port", str(port),
          "--plotjuggler-port", str(plotjuggler_port), "--address", "127.0.0.1", "--key", str(key)],

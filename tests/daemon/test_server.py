@@ -48,7 +48,7 @@ from tests.daemon.service_process import (
     wait_for,
 )
 from tests.daemon.test_service import gentle_request
-from tests.ports import free_udp_port
+from tests.ports import free_tcp_port, free_udp_port
 from tests.watchdog import WATCHDOG_S
 
 
@@ -289,9 +289,7 @@ def test_where_an_arm_may_move_nothing_is_queued_or_released_without_confirmatio
 def test_with_keys_the_service_obeys_those_who_have_one_and_nobody_else(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     assert iiwa_ident("keys", "--out", keys, "--client", "office").returncode == 0
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp://127.0.0.1:{free_tcp_port()}"
     control = {
         "endpoint": endpoint,
         "server_key": str(keys / "server.key_secret"),
