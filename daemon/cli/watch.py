@@ -198,12 +198,15 @@ def _frames(subscription: LiveSubscription) -> list[LiveFrame]:
     from daemon.runtime_folder import port_has_holder
 
     deadline = time.monotonic() + _SILENCE_S
-    while not (frames := subscription.receive(_WORD_S)):
-        if subscription.port not in served_ports() and not port_has_holder(subscription.port):
+    while True:
+        # Asked before it is listened: the last frame may come after a silence, and its sender is gone right after it.
+        nobody_is_left = subscription.port not in served_ports() and not port_has_holder(subscription.port)
+        if frames := subscription.receive(_WORD_S):
+            return frames
+        if nobody_is_left:
             raise NothingToWatchError("The recording has ended; run.json in the run's folder says how.")
         if time.monotonic() > deadline:
             raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
-    return frames
 
 
 def _show_ended(run: Path) -> None:

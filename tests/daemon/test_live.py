@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -159,6 +159,23 @@ def test_the_folder_of_a_killed_run_is_not_waited_for(private: Path, tmp_path: P
 def test_a_watcher_that_came_too_late_for_the_last_frame_says_that_it_ended(private: Path) -> None:
     with LiveSubscription(PORT) as subscription, pytest.raises(NothingToWatchError, match="has ended"):
         _frames(subscription)
+
+
+def test_a_last_frame_that_comes_after_a_silence_is_the_end_and_no_failure(private: Path) -> None:
+    """Of a recorder that was held, and that is gone as soon as it has sent it."""
+    with socket.socket(socket.AF_UNIX) as recorder:
+        recorder.bind(str(runtime_folder() / f"watch-{PORT}"))
+        recorder.listen()
+
+        class Held:
+            port, turns = PORT, iter([[], [frame(ended=True)]])
+
+            def receive(self, _: float) -> list[LiveFrame]:
+                recorder.close()  # after what it had to say: the frame is on its way
+                return next(self.turns)
+
+        (last,) = _frames(cast(LiveSubscription, Held()))
+    assert last.ended
 
 
 def test_a_watcher_that_never_reads_holds_up_nothing(private: Path, tmp_path: Path, ring: HandoverRing) -> None:
@@ -398,19 +415,20 @@ def test_watch_follows_a_run_to_its_end_and_says_how_it_ended(
     write_json(tmp_path / "run" / "request.json", request)
     context: zmq.Context[Any] = zmq.Context()
     with LiveBroadcast(request, ring, context) as live:
-        processes = watched(private), watched(private, str(tmp_path / "run"), "--once"), watched(private, "--json", "-")
-        lines, screen, frames = processes
+        screen, lines = watched(private, str(tmp_path / "run"), "--once"), watched(private)
         assert lines.stdout is not None
-        assert frames.stdout is not None
         with ticking(live):
             assert "Run test-run  iiwa14" in screen.communicate(timeout=WATCHDOG_S)[0]
+            # Not before: while nobody reads them, its frames fill the pipe, and those that come then are lost.
+            frames = watched(private, "--json", "-")
+            assert frames.stdout is not None
             assert lines.stdout.readline().startswith("test-run: waiting; 0 received")
             assert json.loads(frames.stdout.readline())["run_id"] == "test-run"
         ring.publish_reason("The motion was stopped by an operator.")
     context.term()
     assert lines.communicate(timeout=WATCHDOG_S)[0] == "The recording ended. The motion was stopped by an operator.\n"
     assert json.loads(frames.communicate(timeout=WATCHDOG_S)[0].splitlines()[-1])["ended"] is True
-    assert [process.returncode for process in processes] == [0, 0, 0]
+    assert [process.returncode for process in (screen, lines, frames)] == [0, 0, 0]
 
 
 def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
