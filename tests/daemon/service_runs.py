@@ -20,6 +20,7 @@ from daemon.json_files import write_json
 from tests.watchdog import WATCHDOG_S
 
 from .recorder_results import read_events, read_states
+from .service_process import wait_for
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PERIOD_SAMPLES = 1000
@@ -79,7 +80,7 @@ def assert_nothing_missing(path: Path) -> None:
 
 def words_of(process: psutil.Process) -> str:
     """Its command line; none of one that has ended, as the robot may have by then."""
-    with contextlib.suppress(psutil.ZombieProcess):
+    with contextlib.suppress(psutil.NoSuchProcess):
         return " ".join(process.cmdline())
     return ""
 
@@ -130,7 +131,10 @@ def kill_together(processes: list[psutil.Process]) -> None:
 
 def wait_for_chunks(file: Path, count: int) -> None:
     """Until the recorder has handed over so many more pieces."""
-    for _ in range(count):
-        before = file.stat().st_size
-        while file.stat().st_size == before:
-            time.sleep(0.01)
+    sizes = {file.stat().st_size}
+
+    def has_grown() -> bool:
+        sizes.add(file.stat().st_size)
+        return len(sizes) > count
+
+    wait_for(has_grown)

@@ -238,7 +238,7 @@ def test_an_interrupted_batch_does_not_do_what_waits() -> None:
 
     def interrupted() -> None:
         with executor_of(None, jobs=1) as executor:
-            waiting.extend(executor.submit(time.sleep, 0.1) for _ in range(30))
+            waiting.extend(executor.submit(time.sleep, 10.0) for _ in range(10))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -41,7 +41,7 @@ from .service_runs import (
 )
 
 FILL_AND_RUN = """
-import os, sys
+import contextlib, os, sys
 from pathlib import Path
 import psutil
 from daemon.api import RunRequest
@@ -55,8 +55,9 @@ def hold_the_reserve():
     # With a second descriptor of it, so that what the recorder gives back does not become free.
     for child in psutil.Process().children():
         for link in Path(f"/proc/{child.pid}/fd").iterdir():
-            if ".reserve" in os.readlink(link):
-                held.append(open(link, "rb"))
+            with contextlib.suppress(OSError):  # one that was closed meanwhile
+                if ".reserve" in os.readlink(link):
+                    held.append(open(link, "rb"))
 
 def fill():
     with open(Path(request.out_dir) / "other", "wb", buffering=0) as stream:

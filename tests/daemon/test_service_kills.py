@@ -147,16 +147,19 @@ def test_a_run_under_nohup_outlives_its_terminal(robot: tuple[int, Path], tmp_pa
     """As nohup does it: SIGHUP is ignored from the start. Neither the supervisor nor the loop is stopped by it."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        process = start_run(gentle_request(tmp_path, robot[0], periods=4))
+        process = start_run(gentle_request(tmp_path, robot[0], periods=600))
     finally:
         signal.signal(signal.SIGHUP, before)
     read_until_period(process, 1)
     supervisor = psutil.Process(process.pid)
     for each in (supervisor, child_of(supervisor, "daemon.run.loop_process")):
         each.send_signal(signal.SIGHUP)
+    read_until_period(process, 4)
+    process.send_signal(signal.SIGINT)
     process.communicate(timeout=WATCHDOG_S)
     outcome = read_json(tmp_path / "run" / "run.json", RunOutcome)
-    assert (outcome.outcome, outcome.exit_code) == ("completed", 0), outcome.sentences
+    assert outcome.loop is not None
+    assert (outcome.outcome, outcome.loop.reason) == ("stopped", "OPERATOR_STOP"), outcome.sentences
 
 
 def test_a_killed_loop_leaves_a_whole_recording_and_the_truth_about_it(robot: tuple[int, Path], tmp_path: Path) -> None:
@@ -275,8 +278,7 @@ def test_of_a_run_that_no_robot_spoke_to_nobody_says_that_an_arm_may_still_move(
 ) -> None:
     process = start_run(gentle_request(tmp_path, free_udp_port()))
     assert process.stdout is not None
-    while not process.stdout.readline().startswith("waiting"):
-        pass
+    assert any(line.startswith("waiting") for line in process.stdout)
     supervisor = psutil.Process(process.pid)
     children = supervisor.children()
     if with_supervisor:

@@ -53,14 +53,14 @@ def wait_for_end(job: WorkerJob) -> WorkerStatus:
 
 
 def test_a_worker_survives_the_kill_of_its_parent_and_of_its_parents_group(tmp_path: Path) -> None:
-    """The parent starts the worker stopped (so that it cannot be done already), and is killed with its whole group."""
+    """The parent stops the worker at its start, so that it cannot be done already, and is killed with its group."""
     job = make_job(tmp_path, str(tmp_path / "absent.mcap"))
     write_json(tmp_path / "input.json", job)
     code = (
-        "import sys, time; from pathlib import Path; from daemon.api import WorkerJob;"
+        "import os, signal, sys, time; from pathlib import Path; from daemon.api import WorkerJob;"
         "from daemon.json_files import read_json;"
         "from daemon.jobs.worker_start import launch; job = read_json(sys.argv[1], WorkerJob);"
-        "print(launch(job, Path(sys.argv[2])), flush=True); time.sleep(600)"
+        "pid = launch(job, Path(sys.argv[2])); os.kill(pid, signal.SIGSTOP); print(pid, flush=True); time.sleep(600)"
     )
     parent = subprocess.Popen(
         [sys.executable, "-c", code, str(tmp_path / "input.json"), str(tmp_path / "worker_job.json")],
@@ -71,7 +71,6 @@ def test_a_worker_survives_the_kill_of_its_parent_and_of_its_parents_group(tmp_p
     )
     assert parent.stdout is not None
     worker = psutil.Process(int(parent.stdout.readline()))
-    worker.suspend()
     os.killpg(parent.pid, signal.SIGKILL)
     parent.wait(600)
     assert worker.is_running()

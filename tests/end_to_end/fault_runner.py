@@ -311,7 +311,7 @@ def _family(pid: int) -> dict[str, psutil.Process]:
             with contextlib.suppress(psutil.NoSuchProcess):
                 words = each.cmdline()
                 if "tests.end_to_end.acquisition" in words and Path(words[0]).name.startswith("python"):
-                    found["supervisor"] = each
+                    found.setdefault("supervisor", each)  # a child has its words until it is a program of its own
                 found.update({role: each for role, module in MODULES.items() if module in words})
     return found
 

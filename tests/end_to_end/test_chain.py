@@ -23,6 +23,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from identification.excitation import FourierTrajectory, default_trajectory
+from tests.daemon.service_runs import child_of
 from tests.end_to_end.processes import fake_robot, iiwa_ident, start_iiwa_ident
 from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
@@ -197,9 +198,7 @@ def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Pat
         for line in process.stdout:
             if "excitation" in line:
                 break
-        children = psutil.Process(process.pid).children(recursive=True)
-        recorder = next(child for child in children if "daemon.run.recorder" in " ".join(child.cmdline()))
-        recorder.kill()
+        child_of(psutil.Process(process.pid), "daemon.run.recorder").kill()
         process.stdout.read()
         assert process.wait(WATCHDOG_S) == 1
     outcome = json.loads((folder / "run.json").read_text())

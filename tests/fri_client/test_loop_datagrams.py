@@ -149,9 +149,11 @@ def test_a_robot_on_loopback_that_does_not_say_its_time_is_simulated_is_never_ma
 
 
 def test_only_the_configured_robot_is_listened_to() -> None:
-    timeouts = LoopSettings(start_timeout_s=0.5, robot_host="127.0.0.9")
-    with running(settings=timeouts) as (client, robot):
+    settings, clock = LoopSettings(start_timeout_s=1.0, robot_host="127.0.0.9"), SteppedClock()
+    with running(settings=settings, clock_ns=clock) as (client, robot):
         robot.send(READY)
+        wait_for(lambda: client.loop._peer.foreign == 1)
+        clock.now_ns += 2_000_000_000
         result = client.finish()
     assert (result.outcome, result.foreign) == ("no_robot", 1)
 
