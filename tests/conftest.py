@@ -1,5 +1,5 @@
-"""For every test: none that draws its cases is judged by how long the machine takes, each begins loud, and a hang-up
-does what it does in a terminal.
+"""For every test: none that draws its cases is judged by how long the machine takes, each begins loud and leaves the
+signals as they were, and a hang-up does what it does in a terminal.
 """
 
 from __future__ import annotations
@@ -24,3 +24,12 @@ def loud() -> Iterator[None]:
     yield
     if (output := sys.modules.get("daemon.cli.output")) is not None:
         output.set_verbosity(0, False)
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A handler that a test leaves behind takes the Ctrl-C of the next one, which then waits for it for ever."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    assert [signal.getsignal(number) for number in numbers] == before
