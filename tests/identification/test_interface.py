@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -32,17 +33,17 @@ def cells() -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def ran(cells: list[dict[str, Any]]) -> dict[str, Any]:
-    """The notebook's names after its code ran in the project's folder; `shown`: what each cell's last line was."""
+def ran(cells: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """The notebook's names after its code ran in its own folder, as Jupyter does it; `shown`: each cell's last line."""
     names: dict[str, Any] = {"shown": []}
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(REPOSITORY)
+        patch.chdir(NOTEBOOK.parent)
         for cell in cells:
             if cell["cell_type"] == "code":
                 *lines, last = "".join(cell["source"]).splitlines()
                 exec("\n".join(lines), names)
                 names["shown"].append(eval(last, names) if " = " not in last else exec(last, names))
-    return names
+        yield names
 
 
 def test_the_notebook_has_no_outputs_and_fifteen_lines_of_code_at_most(cells: list[dict[str, Any]]) -> None:
