@@ -46,7 +46,7 @@ docs: $(VENV)/.installed
 	@echo "Open build/reference/index.html"
 
 clean:
-	rm -rf $(VENV) $(DEMO_OUT)* build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT)* build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/.created:
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; set PYTHON=... to one." if sys.version_info < (3, 11) else 0)'
