@@ -24,7 +24,10 @@ from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
 ABSENT = 1e12
-"""Precision beforehand of a name that is left out."""
+"""Precision beforehand of a name that is left out, as a multiple of that by its size.
+
+Not in units of its coefficients: of a compliance of 1e-6 rad/Nm that would leave the name in.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +143,7 @@ def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int
 def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
     described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     prior = whole.rows.prior.copy()
-    prior[own] = ABSENT
+    prior[own] *= ABSENT
     rest = Selection(replace(whole.rows, prior=prior), whole.worlds, whole.signs, list(whole.states))
     cost = PRIOR_COST + name.cost
     for joint in name.joints:

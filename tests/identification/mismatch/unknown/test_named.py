@@ -95,6 +95,18 @@ def test_a_wrong_form_of_the_right_dependence_is_not_earned_and_the_right_one_is
     assert right.kept == 0.0
 
 
+def test_the_odds_of_a_name_do_not_depend_on_the_units_of_its_size(prepared: Callable) -> None:
+    """A compliance of 1e-6 rad/Nm stood as well where it had been left out: its odds were those of nothing."""
+
+    def in_other_units(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        return 1e8 * spring(q, dq)
+
+    pair = prepared({spring: 0.6})
+    (plain,), (scaled,) = asked(pair, {spring: 0.6}), asked(pair, {in_other_units: 6e-9})
+    assert scaled.earned
+    assert scaled.odds == pytest.approx(plain.odds, abs=0.1)
+
+
 def test_right_names_stand_beside_each_other_on_one_joint(prepared: Callable) -> None:
     forms = {spring: 0.4, stribeck: 0.3}
     assert [item.earned for item in asked(prepared(forms), forms)] == [True, True]
