@@ -246,7 +246,7 @@ def diagnose(
     found = diagnose_recordings(
         fitted, inputs.robot, heldout=unseen, settings=DiagnosisSettings(**settings), model=given
     )
-    return Answer(found, Inputs(fitted, inputs.robot))
+    return Answer(found, Inputs(fitted, found.standing(inputs.robot)))
 
 
 @_on_one_thread

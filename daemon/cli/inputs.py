@@ -101,7 +101,8 @@ class RecordedArm:
         for log, recording in zip(logs, inputs.recordings, strict=True):
             for finding in (*recording.report.findings, *standing_values(recording)):
                 message(f"{log}: {finding.sentence}")
-        if self.finds_mount:
+        # How the arm of a model.json stands is stated by it; what a recording shows otherwise is an answer.
+        if self.finds_mount and model_robot is None:
             found = other_stand(inputs.recordings, inputs.robot)
             if found is None:
                 message("The recordings show no other mounting than the one stated.")
@@ -112,7 +113,7 @@ class RecordedArm:
         if fits:
             require_stated_stand(inputs.recordings, inputs.robot)
         elif (found := other_stand(inputs.recordings, inputs.robot)) is not None:
-            message(found[1].sentence)
+            message(found[1].sentence if model_robot is None else found[1].other)
         return inputs
 
 

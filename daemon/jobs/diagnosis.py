@@ -61,10 +61,11 @@ def diagnose_recordings(
         model=_baseline(baseline),
         progress=lambda phase, share: report(f"diagnosis: {phase}", _SHARE_OF_DIAGNOSIS * share),
     )
+    there = diagnosis.standing(robot)
     model = extended_model(
         diagnosis,
         recordings,
-        robot,
+        there,
         progress=lambda phase, share: report(
             f"extended model: {phase}", _SHARE_OF_DIAGNOSIS + (1.0 - _SHARE_OF_DIAGNOSIS) * share
         ),
@@ -79,7 +80,7 @@ def diagnose_recordings(
     links = [(f"../{fit_page.name}", "The fit of this run")] if fit_page.is_file() else []
     write_report(
         report_file, diagnosis=diagnosis, set_up=_set_up(recordings, robot, diagnosis), model=model,
-        recordings=recordings, heldout=heldout, robot=robot, links=links,
+        recordings=recordings, heldout=heldout, robot=there, links=links,
     )  # fmt: skip
     return DiagnosisFiles(diagnosis, (result_file, model_file, report_file))
 

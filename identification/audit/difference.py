@@ -153,6 +153,6 @@ class Audit:
 
     @property
     def makes_names_worthless(self) -> bool:
-        """Whether a fit of these recordings as they stand is of another arm: wrong data, or gravity from elsewhere."""
-        wrong = ("wrong_time_base", "wrong_unit", "wrong_joint_order", "base_tilt")
+        """Whether a fit of these recordings as they stand is of another arm: their data are wrong."""
+        wrong = ("wrong_time_base", "wrong_unit", "wrong_joint_order")
         return any(item.effect in wrong for item in self.differences)

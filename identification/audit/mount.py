@@ -71,16 +71,22 @@ class Mounting:
         return bool(1.96 * self.spread < TELLS)
 
     @property
+    def other(self) -> str:
+        """How it stands where `is_other`, without what to do about it."""
+        x, y, z = self._figures
+        half = max(np.degrees(1.96 * self.spread), 0.1)
+        return (
+            f"The base does not stand as stated: gravity is ({x}, {y}, {z}) m/s² in its frame, "
+            f"{np.degrees(self.angle):.0f} ± {half:.2g}° from what is stated."
+        )
+
+    @property
     def sentence(self) -> str:
         """What an operator reads."""
         x, y, z = self._figures
         half = max(np.degrees(1.96 * self.spread), 0.1)
         if self.is_other:
-            return (
-                f"The base does not stand as stated: gravity is ({x}, {y}, {z}) m/s² in its frame, "
-                f"{np.degrees(self.angle):.0f} ± {half:.2g}° from what is stated. "
-                f"Give --mount auto, or --gravity={x},{y},{z}."
-            )
+            return f"{self.other} Give --mount auto, or --gravity={x},{y},{z}."
         if self.tells and self.angle < LEAST_ANGLE:
             well = f"The base stands as stated: gravity is {np.degrees(self.angle):.1f} ± {half:.1f}° from it"
             return f"{well}." if self.mirrored > LEAST_GAIN else f"{well}, or upside down, which looks alike here."

@@ -72,7 +72,8 @@ class ModelComparison:
     model_nm: what the model leaves. parameters_nm: torque between its parameters and those fitted with the
     findings. missing_nm: what no base parameters explain. findings_nm: what stays beside the findings. torque_units: of
     each joint, empty: all Nm. set_up: what an audit of the set-up says in place of wrong links, empty where it is open.
-    fitted_to: names of those recordings that the model was fitted to, as far as it says.
+    fitted_to: names of those recordings that the model was fitted to, as far as it says. Of an arm that stands
+    otherwise than the model says, parameters and links are empty: other ones show there.
     """
 
     source: str
@@ -143,14 +144,44 @@ def own_values(model: Model | Path, robot: RobotModel) -> tuple[BaseRegressor, F
     return own, model.base_values(own)
 
 
+def name_of(model: Model | Path) -> str:
+    """What a given model is called."""
+    return model.name if isinstance(model, Path) else Path(model.path or "model").name
+
+
 def baseline_values(model: Model | Path, regressor: BaseRegressor) -> tuple[str, FloatArray]:
     """Name and base parameters (p,) of a model.json or of a simulator's file.
 
     Friction, rotor inertias and offsets that it does not hold count as zero; those that the regressor has not are left
     out here (`prediction.rows_beside`). Raises as `own_values`.
     """
-    name = model.name if isinstance(model, Path) else Path(model.path or "model").name
-    return name, regressor.base_from_other(*own_values(model, regressor.robot))
+    return name_of(model), regressor.base_from_other(*own_values(model, regressor.robot))
+
+
+def compare_elsewhere(
+    source: str,
+    expected: FloatArray,
+    evidences: Sequence[Evidence],
+    extension: Extension,
+    after: Residuals,
+    missing_nm: FloatArray,
+) -> ModelComparison:
+    """Of an arm that stands otherwise than its model says: expected, (R, n) Nm, is what the model predicts as it
+    stands; the evidences and the parameters fitted to them are under the gravity that the arm felt. Else as
+    `compare_model`.
+    """
+    size = evidences[0].nominal.shape[-1]
+    samples = sum(item.samples for item in evidences)
+    used = np.concatenate([item.used for item in evidences])
+    torque = np.concatenate([item.torque for item in evidences])
+    fitted = np.concatenate([item.nominal for item in evidences]) @ extension.base[:size]
+
+    def rms(rows: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.sum(np.where(used, rows, 0.0) ** 2, axis=0) / samples), dtype=np.float64)
+
+    return ModelComparison(
+        source, rms(torque - expected), rms(fitted - expected), missing_nm, after.rms_nm, parameters=(), links=()
+    )
 
 
 def compare_model(

@@ -22,7 +22,7 @@ from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
 from identification.fitting.settings import Progress, Split, silent
 from identification.mismatch.aperiodic_evidence import default_split
-from identification.mismatch.baseline import ModelComparison, compare_model
+from identification.mismatch.baseline import ModelComparison, compare_elsewhere, compare_model, name_of
 from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
 from identification.mismatch.changes.repeated_contact import (
     beside,
@@ -46,7 +46,7 @@ from identification.mismatch.nominal import (
     residuals_of,
     settings_of_fit,
 )
-from identification.mismatch.prediction import given_by, left_to_parameters
+from identification.mismatch.prediction import given_by, left_to_parameters, rows_expected
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
@@ -57,6 +57,7 @@ from identification.mismatch.search.trial import Trial
 from identification.mismatch.search.trial import fitted as fitted_again
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.set_up import data_faults_of
+from identification.mismatch.set_up_answer import settled, under_their_gravity, with_model
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
@@ -132,11 +133,11 @@ def diagnose(
     split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)
     audited = None if model is None else _audited(recordings, robot, model)
+    stated, (robot, stand) = robot, under_their_gravity(robot, recordings, audited)
     report("nominal model", 0.02)
     rows = _examined(recordings, heldout, robot, settings, report)
     settings = settings_of_fit(settings, rows.fit, heldout)
     regressor = BaseRegressor(robot) if rows.fit is None else rows.fit.regressor
-    given = None if model is None else given_by(model, rows.fitted, regressor, settings, split)
     report("evidence", 0.1)
 
     def unseen_by(regressor: BaseRegressor, problem: Problem, trial: Trial) -> Prepared | None:
@@ -167,11 +168,11 @@ def diagnose(
     classes = () if judgement is None else (*judgement.claims, *changing(refused))
     after = rms_with_findings(None if split else rows.fit, rows.fitted, claims, nominal, plain)
     diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
-    if given is not None:
-        compared = compare_model(
-            *given, now.fitted.evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor
-        )
-        diagnosis = _with_model(diagnosis, compared, model, recordings, audited)
+    if model is not None:
+        compared = _compared(model, stated, rows.fitted, now, claims, plain, settings, split)
+        diagnosis = with_model(diagnosis, compared, model, recordings, audited, stand)
+    if stand:
+        diagnosis = replace(diagnosis, gravity=tuple(robot.gravity.tolist()), notes=(stand, *diagnosis.notes))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     diagnosis = _with_classes(diagnosis, judgement)
     if audited is None:
@@ -248,20 +249,23 @@ def _with_classes(diagnosis: Diagnosis, judgement: Judgement | None) -> Diagnosi
     return replace(diagnosis, class_model=judgement.model, offer=judgement.offer, notes=notes)
 
 
-def _with_model(
-    diagnosis: Diagnosis,
-    compared: ModelComparison,
-    model: Model | Path | None,
+def _compared(
+    model: Model | Path,
+    stated: RobotModel,
     recordings: Sequence[Recording],
-    audited: Audit | None,
-) -> Diagnosis:
-    """With what of the given model is wrong: its parameters, and the set-up where that settles it."""
-    if isinstance(model, Model):
-        compared = replace(compared, fitted_to=model.fitted_among(recordings))
-    if audited is not None and audited.settles:
-        compared = replace(compared, set_up=audited.sentence)
-    notes = (compared.sentence, *diagnosis.notes)
-    return replace(diagnosis, model_comparison=compared, notes=notes, audit=audited)
+    now: Explained,
+    claims: Claims,
+    plain: Residuals,
+    settings: DiagnosisSettings,
+    split: Split | None,
+) -> ModelComparison:
+    """What of the given model is wrong. stated: how its arm stands; that of the recordings may stand otherwise."""
+    evidences, robot = now.fitted.evidences, now.regressor.robot
+    if not np.array_equal(robot.gravity, stated.gravity):
+        expected = rows_expected(model, recordings, stated, settings, split)
+        return compare_elsewhere(name_of(model), expected, evidences, claims.extension, claims.after, plain.rms_nm)
+    given = given_by(model, recordings, now.regressor, settings, split)
+    return compare_model(*given, evidences, now.problem, claims.extension, claims.after, plain.rms_nm, now.regressor)
 
 
 def _audited(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit | None:
@@ -288,23 +292,6 @@ def _other_set_up(diagnosis: Diagnosis, rows: Examined, robot: RobotModel) -> Au
     found = _audited(rows.unseen, robot, model_of_fit(rows.fit, name), name)
     taken = 0.0 if found is None else sum(item.explained for item in found.differences)
     return found if taken >= 1.0 - CAPTURE else None
-
-
-def settled(diagnosis: Diagnosis) -> Diagnosis:
-    """Explained, where the held-out recordings alone disagree, and what differs in their set-up is named and is all."""
-    audit, heldout = diagnosis.audit, diagnosis.heldout
-    if audit is None or heldout is None or not (audit.verdict == "named" and audit.holds):
-        return diagnosis
-    stays = (
-        bool(diagnosis.curves)
-        or not all(item.named for item in diagnosis.classes)
-        or not all(item.differs for item in heldout.misfits)
-    )
-    unnamed = not diagnosis.findings and bool(diagnosis.baseline.detected.any())
-    if stays or unnamed or diagnosis.verdict not in ("unexplained", "partly_explained"):
-        return diagnosis
-    known = f"{audit.sentence} With that put in, nothing above the noise remains."
-    return replace(diagnosis, verdict="explained", remaining=f"{known} {diagnosis.remaining}")
 
 
 def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:

@@ -21,6 +21,7 @@ from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
 from identification.model_file import MODEL_FORMAT
+from identification.robots import RobotModel
 
 DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
 
@@ -228,7 +229,8 @@ class Diagnosis:
     model_comparison: of the model that the diagnosis was asked to start from, if any. encoders: motor against link
     encoder, where there are two. torque_units: of each joint, where one is prismatic ("Nm", "N"); empty: all Nm.
     classes: what joints' torques depend on where no name is needed; class_model: what
-    they are worth together; offer: what of them goes into the extended model.
+    they are worth together; offer: what of them goes into the extended model. gravity: (3,) m/s² in the frame of the
+    base that all this is under, where the recordings show another than is stated; else empty.
     """
 
     robot: str
@@ -257,6 +259,11 @@ class Diagnosis:
     class_model: ClassModel | None = None
     offer: Offer | None = None
     too_weak: tuple[Alternative, ...] = ()
+    gravity: tuple[float, ...] = ()
+
+    def standing(self, robot: RobotModel) -> RobotModel:
+        """The robot under the gravity that this was made under."""
+        return replace(robot, gravity=np.array(self.gravity)) if self.gravity else robot
 
     @property
     def unnamed(self) -> tuple[ClassClaim, ...]:

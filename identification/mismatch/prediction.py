@@ -145,6 +145,27 @@ def left_to_parameters(
     return tuple(left)
 
 
+def rows_expected(
+    model: Model | Path,
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    settings: DiagnosisSettings,
+    split: Split | None,
+) -> FloatArray:
+    """(R, n) Nm, all that a model file predicts on the rows to fit of an arm that stands as this robot says.
+
+    Raises as `left_to_parameters`.
+    """
+    left = left_to_parameters(model, recordings, robot)
+    own, values = own_values(model, robot)
+
+    def parts(items: Sequence[Recording]) -> list[Evidence]:
+        return [part for item in items for part in build_evidence(item, robot, own, settings, split)]
+
+    pairs = zip(parts(recordings), parts(left), strict=True)
+    return np.concatenate([each.torque - rest.torque + each.nominal @ values for each, rest in pairs])
+
+
 def rows_beside(
     model: Model | Path,
     recordings: Sequence[Recording],
@@ -158,25 +179,17 @@ def rows_beside(
     has not. Raises as `left_to_parameters`.
     """
     robot, left = regressor.robot, left_to_parameters(model, recordings, regressor.robot)
-    own, values = own_values(model, robot)
+    own = own_values(model, robot)[0]
     names = set(map(plain_name, regressor.names))
     wider = not names.issuperset(map(plain_name, own.names)) or own.options.coulomb_velocity != (
         regressor.options.coulomb_velocity
     )
     if not wider and all(one is other for one, other in zip(left, recordings, strict=True)):
         return None
-
-    def parts(items: Sequence[Recording], columns: BaseRegressor) -> list[Evidence]:
-        return [part for item in items for part in build_evidence(item, robot, columns, settings, split)]
-
-    measured = parts(recordings, regressor)
-    beside = np.concatenate([part.torque for part in measured])
-    beside = beside - np.concatenate([part.torque for part in parts(left, regressor)])
-    if wider:
-        known = baseline_values(model, regressor)[1]
-        beside += np.concatenate([part.nominal @ values for part in parts(recordings, own)])
-        beside -= np.concatenate([part.nominal @ known for part in measured])
-    return np.asarray(beside, dtype=np.float64)
+    known = baseline_values(model, regressor)[1]
+    parts = [part for item in recordings for part in build_evidence(item, robot, regressor, settings, split)]
+    expected = rows_expected(model, recordings, robot, settings, split)
+    return np.asarray(expected - np.concatenate([part.nominal @ known for part in parts]), dtype=np.float64)
 
 
 def given_by(

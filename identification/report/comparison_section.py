@@ -28,8 +28,10 @@ def comparison_section(comparison: ModelComparison | None) -> Section | None:
         *(Paragraph(sentence, "warning") for sentence in comparison.no_check),
         Paragraph(comparison.sentence, "lead"),
         Table("RMS of measured minus modelled torque by joint, Nm", ("", *joint_heads(comparison.model_nm.size)), rows),
-        Table("Its links", ("link", "parameters", "torque of the difference, Nm", "chance if right"), links),
     ]
+    if links:
+        head = ("link", "parameters", "torque of the difference, Nm", "chance if right")
+        blocks.append(Table("Its links", head, links))
     if wrong:
         blocks.append(
             Table(

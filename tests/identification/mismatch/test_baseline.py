@@ -131,6 +131,7 @@ def test_a_right_model_has_no_wrong_parameter(
     assert not any(item.wrong for item in diagnosis.model_comparison.parameters)
     assert diagnosis.to_json()["model_comparison"]["sentence"] in diagnosis.notes
     assert not diagnosis.model_comparison.no_check
+    assert diagnosis.standing(iiwa14) is iiwa14
 
 
 def test_a_model_is_compared_with_the_effects_that_it_holds(

@@ -1,0 +1,61 @@
+"""Claims about a diagnosis against a model whose arm stands, or is set up, otherwise.
+
+Truth: Pinocchio's inverse dynamics of the arm of the model under another gravity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification.base_parameters import BaseRegressor
+from identification.mismatch.diagnosis import diagnose
+from identification.model_file import Model
+from identification.physical_parameters import PhysicalParameters
+from identification.report.comparison_section import comparison_section
+from identification.report.document import Table
+from identification.robots import Installation, RobotModel, load_robot
+from tests.identification.mismatch.plant import NOISE_NM, record
+
+LEAN = np.radians(40.0)
+GRAVITY = (float(9.81 * np.sin(LEAN)), 0.0, float(-9.81 * np.cos(LEAN)))
+
+
+@pytest.fixture
+def level(iiwa14_base: BaseRegressor, table3: PhysicalParameters) -> Model:
+    """The true parameters of the arm on a floor."""
+    values = iiwa14_base.base_from_physical(table3)
+    std, none = np.full(iiwa14_base.size, 1e-4), np.zeros(0)
+    return Model("iiwa14", iiwa14_base.names, values, std, iiwa14_base.units, None, none, none, iiwa14_base.options)
+
+
+def test_a_leaning_arm_is_fitted_under_the_gravity_that_it_felt(
+    iiwa14: RobotModel, table3: PhysicalParameters, level: Model
+) -> None:
+    """Fitted as if level it left several Nm, which was called missing physics, or noise as likely."""
+    recording = record(load_robot("iiwa14", Installation(GRAVITY)), table3, periods=1)
+    diagnosis = diagnose([recording], iiwa14, model=level)
+    audit, compared = diagnosis.audit, diagnosis.model_comparison
+    assert audit is not None
+    assert [item.effect for item in audit.differences] == ["base_tilt"]
+    assert diagnosis.baseline.rms_nm == pytest.approx(np.full(7, NOISE_NM), rel=0.05)
+    assert not diagnosis.baseline.detected.any()
+    assert diagnosis.gravity == pytest.approx(GRAVITY, abs=0.05)
+    # The model is compared as it stands: weight on joint 2 of a level arm and of one that leans differ by tens of Nm.
+    assert compared is not None
+    assert compared.model_nm.max() > 10.0
+    assert compared.missing_nm.max() < 1.1 * NOISE_NM
+    section = comparison_section(compared)
+    assert section is not None
+    assert [block.caption[:3] for block in section.blocks if isinstance(block, Table)] == ["RMS"]
+    assert diagnosis.standing(iiwa14).to_json()["installation"]["gravity_m_s2"] == list(diagnosis.gravity)
+
+
+def test_a_lean_too_small_for_the_recording_alone_is_taken_as_the_model_tells_it(
+    iiwa14: RobotModel, table3: PhysicalParameters, level: Model
+) -> None:
+    gravity = (9.81 * np.sin(0.04), 0.0, -9.81 * np.cos(0.04))
+    recording = record(load_robot("iiwa14", Installation(gravity)), table3, periods=8)
+    diagnosis = diagnose([recording], iiwa14, model=level)
+    assert diagnosis.gravity == pytest.approx(gravity, abs=0.02)
+    assert diagnosis.baseline.rms_nm == pytest.approx(np.full(7, NOISE_NM / np.sqrt(8.0)), rel=0.05)
