@@ -29,7 +29,7 @@ from identification.export.given_bodies import in_file_base, poses_at_zero
 from identification.physical_parameters import symmetric
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel, load_robot
-from identification.robots.simulator_models import drake_plant, read_simulator_model
+from identification.robots.simulator_models import base_in_file, drake_plant, read_simulator_model
 
 TOLERANCE = 1e-3
 """Of the torque's size: what is read back has to be what was meant."""
@@ -72,7 +72,9 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     wanted = _wanted(differences, robot, has_armature=kind == "mujoco")
     names, poses = _frames(source, kind, robot)
     filed = in_file_base(robot).kinematics
-    ours = poses_at_zero(filed)
+    stands = np.eye(4)
+    stands[:3, :3] = base_in_file(source, robot)
+    ours = stands @ poses_at_zero(filed)
     bodies = {
         names[link]: (move := np.linalg.solve(poses[link], ours[link])) @ body @ move.T
         for link, body in wanted.bodies.items()
@@ -92,8 +94,11 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     if wanted.gravity is not None:
         gravity = wanted.gravity
         # The base of a built-in arm's table is turned against that of a file.
-        base = filed.rotation[0] @ robot.kinematics.rotation[0].T
+        base = stands[:3, :3] @ filed.rotation[0] @ robot.kinematics.rotation[0].T
         found, stated = base @ gravity, base @ robot.gravity
+        if not np.array_equal(stands, np.eye(4)):
+            # A base that hangs turned in the file does so in a world where gravity points down.
+            stated = np.array([0.0, 0.0, -float(np.linalg.norm(gravity))])
         write(source, target, replace(changes, turn=_turn(found, stated), gravity=found))
         wanted.left.append("A turned base is the pose or gravity of a world: a simulator that sets its own undoes it.")
     return Amended(target, tuple(wanted.written), tuple(wanted.left), gravity)

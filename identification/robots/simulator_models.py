@@ -20,7 +20,7 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RobotError, RobotNotFoundError
-from identification.robots.model import RobotModel
+from identification.robots.model import BUILT_IN, TABLE_IN_FILES, RobotModel
 from identification.robots.urdf_parser import DRAKE, parsed_urdf, refuse_xacro
 
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -30,6 +30,8 @@ STATES = 120
 SEED = 96
 TOLERANCE = 1e-4
 """Of the largest torque: files print angles and lengths with few digits."""
+FEW_DIGITS = 1e-3
+"""By which entries of unit vectors differ that a file prints with few digits."""
 BESIDE_BODIES = {
     "qfrc_spring": "springs (stiffness)",
     "qfrc_gravcomp": "gravity compensation (gravcomp)",
@@ -49,7 +51,7 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
     path = Path(path)
     if not path.is_file():
         raise RobotNotFoundError.at(path, "there is no such model")
-    inverse_dynamics = _inverse_dynamics(path, regressor.robot)
+    inverse_dynamics, _ = _opened(path, regressor.robot)
     generator = np.random.default_rng(SEED)
     shape = (STATES, regressor.robot.n)
     q, dq, ddq = generator.uniform(-2.0, 2.0, shape), generator.uniform(-1.5, 1.5, shape), generator.normal(size=shape)
@@ -72,6 +74,11 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
     return np.asarray(values, dtype=np.float64)
 
 
+def base_in_file(path: Path, robot: RobotModel) -> FloatArray:
+    """(3, 3) how the base that gravity is stated for stands in the world of a simulator model. Raises RobotError."""
+    return _opened(path, robot)[1]
+
+
 def read_with_drives(path: str | Path, robot: RobotModel) -> tuple[BaseRegressor, FloatArray]:
     """A regressor that can have the torque of a simulator model, with rotor inertias where the file's joints have some
     (`armature`), and its base parameters (p,). Raises as `read_simulator_model`.
@@ -87,14 +94,15 @@ def read_with_drives(path: str | Path, robot: RobotModel) -> tuple[BaseRegressor
             raise refusal from None
 
 
-def _inverse_dynamics(path: Path, robot: RobotModel) -> InverseDynamics:
+def _opened(path: Path, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
+    """Inverse dynamics under the robot's gravity, and `base_in_file`."""
     try:
         root = ElementTree.parse(path).getroot()
         match root.tag:
             case "robot":
                 return _by_pinocchio(path, root, robot)
             case "mujoco":
-                return _by_mujoco(path, robot)
+                return _mujoco_torque(path, robot)[-2:]
             case "sdf":
                 return _by_drake(path, root, robot)
     except (ElementTree.ParseError, ValueError, RuntimeError, OSError) as error:
@@ -106,6 +114,30 @@ def _inverse_dynamics(path: Path, robot: RobotModel) -> InverseDynamics:
     raise RobotError.at(path, f"is neither URDF, SDF nor MJCF (its root is <{root.tag}>).")
 
 
+def _base_by(axes: FloatArray, robot: RobotModel) -> FloatArray:
+    """(3, 3) R with axes = R · those of the robot, both (n, 3) unit vectors at zero, in a file's world and in its base.
+
+    A file may hang its base turned in the world: gravity in the frame of the base is then another in the world. I where
+    no turn makes them equal, or where they are all parallel and do not tell.
+    """
+    model = robot.pinocchio_model
+    jacobians = pinocchio.computeJointJacobians(model, model.createData(), np.zeros(model.nq))
+    turn = TABLE_IN_FILES if robot.source.startswith(BUILT_IN) else np.ones(3)
+    own = _axes_of(jacobians, list(range(model.nv))) * turn
+    if np.abs(own - axes).max() < FEW_DIGITS:
+        return np.eye(3)
+    left, sizes, right = np.linalg.svd(axes.T @ own)
+    found = np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right, dtype=np.float64)
+    tells = sizes[1] > FEW_DIGITS and np.abs(own @ found.T - axes).max() < FEW_DIGITS
+    return found if tells else np.eye(3)
+
+
+def _axes_of(jacobians: FloatArray, order: Sequence[int]) -> FloatArray:
+    """(n, 3) unit vectors along axes, of Pinocchio's joint Jacobians in the world: what turns, else what moves."""
+    turning, moving = jacobians[3:, order].T, jacobians[:3, order].T
+    return np.asarray(np.where(np.linalg.norm(turning, axis=1, keepdims=True) > 0.5, turning, moving))
+
+
 def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
     """Places of the robot's joints among the movable joints of a file."""
     if all(name in names for name in robot.joint_names):
@@ -115,12 +147,14 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
     raise RobotError.at(path, f"has {len(names)} movable joints, {robot.name} has {robot.n}.")
 
 
-def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
+def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
     refuse_xacro(root, path)
     model = parsed_urdf(path.read_text("utf-8"), bodies=True)
-    model.gravity.linear = robot.gravity_in_files
     names = list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
+    jacobians = pinocchio.computeJointJacobians(model, model.createData(), pinocchio.neutral(model))
+    base = _base_by(_axes_of(jacobians, order), robot)
+    model.gravity.linear = base @ robot.gravity_in_files
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
     if massless and (len(massless) < robot.n or model.inertias[massless[0] + 1].mass):
         mass = model.inertias[massless[0] + 1].mass
@@ -140,9 +174,11 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> I
     rotors = _drake_rotors(root)
     rotor = np.array([rotors.get(names[place], 0.0) for place in _chosen(path, names, robot)])
     rigid = pinocchio_torque(model, order)
-    return lambda q, dq, ddq: np.asarray(
-        rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq) + rotor * ddq, dtype=np.float64
-    )
+
+    def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        return np.asarray(rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq) + rotor * ddq, dtype=np.float64)
+
+    return torque, base
 
 
 def _drake_rotors(root: ElementTree.Element) -> dict[str, float]:
@@ -179,7 +215,7 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
     """Which forces, Nm above `least` at these states, an MJCF has that bodies and friction have not; '' for none."""
     if ElementTree.parse(path).getroot().tag != "mujoco":
         return ""
-    model, data, order, torque = _mujoco_torque(path, robot)
+    model, data, order, torque, _ = _mujoco_torque(path, robot)
     by_actuator = model.jnt_actgravcomp[model.dof_jntid[order]].astype(bool)
     largest = dict.fromkeys(BESIDE_BODIES, 0.0)
     for state in zip(*states, strict=True):
@@ -191,16 +227,11 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
     return f"the file also has {' and '.join(found)}. Take them out of a copy." if found else ""
 
 
-def _by_mujoco(path: Path, robot: RobotModel) -> InverseDynamics:
-    return _mujoco_torque(path, robot)[-1]
-
-
-def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray, InverseDynamics]:
-    """MuJoCo's model and data, which degrees of freedom the robot's joints are, and the inverse dynamics."""
+def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray, InverseDynamics, FloatArray]:
+    """MuJoCo's model and data, which degrees of freedom the robot's joints are, the inverse dynamics, and the base."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
-    model.opt.gravity[:] = robot.gravity_in_files
     for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
         model.opt.disableflags |= flag
     # Its dry friction is a soft constraint; here it is the force at full sliding.
@@ -213,27 +244,51 @@ def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray,
         address[[joints[place] for place in places]] for address in (model.jnt_dofadr, model.jnt_qposadr)
     )
 
+    data.qpos[position] = 0.0
+    mujoco.mj_kinematics(model, data)
+    base = _base_by(data.xaxis[[joints[place] for place in places]], robot)
+    model.opt.gravity[:] = base @ robot.gravity_in_files
+
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         data.qpos[position], data.qvel[order], data.qacc[order] = q, dq, ddq
         mujoco.mj_inverse(model, data)
         return np.asarray(data.qfrc_inverse[order] + friction[order] * np.sign(dq), dtype=np.float64)
 
-    return model, data, order, torque
+    return model, data, order, torque, base
 
 
-def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> InverseDynamics:
+def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
     if importlib.util.find_spec("pydrake") is None:
         raise RobotError.at(path, "SDF is read by Drake, which is not installed (pip install drake).")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
     plant, joints, _ = drake_plant(path, root)
-    plant.mutable_gravity_field().set_gravity_vector(robot.gravity_in_files)
     joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
     order = [joint.velocity_start() for joint in joints]
+    base = _base_by(_drake_axes(plant, joints), robot)
+    plant.mutable_gravity_field().set_gravity_vector(base @ robot.gravity_in_files)
     dry = {item.get("name"): float(item.findtext("axis/dynamics/friction") or 0.0) for item in root.iter("joint")}
     friction = np.array([dry.get(joint.name(), 0.0) for joint in joints])
 
     rigid = drake_torque(plant, order)
-    return lambda q, dq, ddq: np.asarray(rigid(q, dq, ddq) + friction * np.sign(dq), dtype=np.float64)
+
+    def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        return np.asarray(rigid(q, dq, ddq) + friction * np.sign(dq), dtype=np.float64)
+
+    return torque, base
+
+
+def _drake_axes(plant: Any, joints: Sequence[Any]) -> FloatArray:
+    """(n, 3) as `_axes_of`."""
+    from pydrake.multibody.tree import JacobianWrtVariable
+
+    context, world = plant.CreateDefaultContext(), plant.world_frame()
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    columns = []
+    for joint in joints:
+        body = joint.child_body().body_frame()
+        whole = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, body, np.zeros(3), world, world)
+        columns.append(np.roll(whole[:, joint.velocity_start()], 3))  # Drake has what turns first
+    return _axes_of(np.stack(columns, axis=1), list(range(len(joints))))
 
 
 def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any], Any]:

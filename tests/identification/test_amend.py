@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -139,19 +140,39 @@ def test_a_simulator_moves_the_arm_as_it_was_found(
         np.testing.assert_allclose(found(*state), expected(*state), rtol=1e-5, atol=2e-4)
 
 
-def test_a_lean_that_an_mjcf_has_already_is_not_written_twice(
-    folder: Path, physical: PhysicalParameters, tmp_path: Path
+@pytest.mark.parametrize(("name", "reader"), [("arm.urdf", by_pinocchio), ("arm.xml", by_mujoco)])
+@pytest.mark.parametrize("late", [0, 1])
+def test_a_lean_that_a_file_has_already_is_not_written_twice(
+    name: str, reader: Callable[[Path], Torque], late: int, folder: Path, physical: PhysicalParameters, tmp_path: Path
 ) -> None:
-    """The lean was found against gravity as stated, whatever the file says of it: written twice it is not doubled."""
-    source = folder / "arm.xml"
-    for name in ("once.xml", "twice.xml"):
-        changes = [tilt()] if source.parent == tmp_path else [payload(MASS_KG), friction(), tilt()]
-        amend(source, changes, load_robot("iiwa14"), tmp_path / name)
-        source = tmp_path / name
-    expected, found = truth(physical, GRAVITY, MASS_KG), by_mujoco(source)
+    """The lean was found against gravity as stated, whatever the file says of it: written twice it is not doubled.
+
+    late: whether load and friction are written into the file that leans already.
+    """
+    source = folder / name
+    for time in range(2):
+        changes = [payload(MASS_KG), friction(), tilt()] if time == late else [tilt()]
+        amend(source, changes, load_robot("iiwa14"), tmp_path / f"{time}_{name}")
+        source = tmp_path / f"{time}_{name}"
+    expected, found = truth(physical, GRAVITY, MASS_KG), reader(source)
     for state in states():
         # MuJoCo's editor writes six digits.
         np.testing.assert_allclose(found(*state), expected(*state), rtol=1e-5, atol=2e-4)
+
+
+@pytest.mark.parametrize("form", FILES)
+def test_a_file_whose_base_hangs_turned_is_the_same_arm(
+    form: str, folder: Path, physical: PhysicalParameters, tmp_path: Path
+) -> None:
+    """Gravity is in the frame of the base: with the pose of a world joint or model besides it was counted twice."""
+    if form == "sdf":
+        pytest.importorskip("pydrake")
+    robot = load_robot("iiwa14")
+    leaning = BaseRegressor(replace(robot, gravity=GRAVITY))
+    amend(folder / FILES[form], [tilt()], robot, tmp_path / FILES[form])
+    for regressor in (BaseRegressor(robot), leaning):
+        found = read_simulator_model(tmp_path / FILES[form], regressor)
+        assert found == pytest.approx(regressor.base_from_physical(physical), abs=1e-5)
 
 
 def test_an_sdf_has_the_load_too(folder: Path, physical: PhysicalParameters, tmp_path: Path) -> None:
