@@ -169,16 +169,16 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 
 def set_up_lines(diagnosis: Diagnosis) -> Sequence[str]:
     """What differs between the given model and the arm, before anything that a fit of these recordings says."""
+    from identification.mismatch.set_up_answer import set_up_sentences
+
     compared = diagnosis.model_comparison
     no_check = () if compared is None else compared.no_check
-    if diagnosis.audit is None:
-        return no_check
-    found = diagnosis.audit.differences or (diagnosis.audit,)
-    return [*no_check, *(f"Set-up: {item.sentence}" for item in found)]
+    return [*no_check, *(f"Set-up: {sentence}" for sentence in set_up_sentences(diagnosis))]
 
 
 def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     """What is said first: whether noise was measured at all, then the verdict."""
+    from identification.mismatch.set_up_answer import set_up_verdict
     from identification.robots.joint_units import in_units
 
     baseline, heldout = diagnosis.baseline, diagnosis.heldout
@@ -186,9 +186,10 @@ def verdict_lines(diagnosis: Diagnosis) -> Sequence[str]:
     unknown = in_units(unknown, diagnosis.torque_units)
     if not baseline.noise_is_measured and diagnosis.verdict == "no_mismatch":
         return [f"{unknown} No mismatch is shown, and none is ruled out."]
-    sentence = VERDICTS[diagnosis.verdict]
+    sentence = set_up_verdict(diagnosis) or VERDICTS[diagnosis.verdict]
     differs = heldout is not None and any(item.differs for item in heldout.misfits)
-    named = () if diagnosis.audit is None or not differs else diagnosis.audit.differences
+    of_heldout = differs and diagnosis.model_comparison is None
+    named = () if diagnosis.audit is None or not of_heldout else diagnosis.audit.differences
     if diagnosis.verdict == "explained" and named:
         sentence = f"{SETTLED} {NAMED}"
     elif diagnosis.verdict == "unexplained" and differs and not baseline.detected.any():

@@ -170,9 +170,7 @@ def diagnose(
     diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
     if model is not None:
         compared = _compared(model, stated, rows.fitted, now, claims, plain, settings, split)
-        diagnosis = with_model(diagnosis, compared, model, recordings, audited, stand)
-    if stand:
-        diagnosis = replace(diagnosis, gravity=tuple(robot.gravity.tolist()), notes=(stand, *diagnosis.notes))
+        diagnosis = with_model(diagnosis, compared, model, recordings, audited, (robot, stand))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     diagnosis = _with_classes(diagnosis, judgement)
     if audited is None:

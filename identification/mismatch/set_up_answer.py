@@ -55,15 +55,19 @@ def with_model(
     model: Model | Path,
     recordings: Sequence[Recording],
     audited: Audit | None,
-    stand: str,
+    found: tuple[RobotModel, str],
 ) -> Diagnosis:
-    """With what of the given model is wrong: its parameters, or the set-up where that settles it. stand: as of
+    """With what of the given model is wrong: its parameters, or the set-up where that settles it. found: as of
     `under_their_gravity`; under another gravity than the model's no parameters are compared.
     """
+    robot, stand = found
     if isinstance(model, Model):
         compared = replace(compared, fitted_to=model.fitted_among(recordings))
     compared = replace(compared, set_up=audited.sentence if audited is not None and audited.settles else stand)
-    return replace(diagnosis, model_comparison=compared, notes=(compared.sentence, *diagnosis.notes), audit=audited)
+    if stand:
+        diagnosis = replace(diagnosis, gravity=tuple(robot.gravity.tolist()), notes=(stand, *diagnosis.notes))
+    notes = (compared.sentence, *diagnosis.notes)
+    return _answered(replace(diagnosis, model_comparison=compared, notes=notes, audit=audited))
 
 
 def settled(diagnosis: Diagnosis) -> Diagnosis:
@@ -81,3 +85,38 @@ def settled(diagnosis: Diagnosis) -> Diagnosis:
         return diagnosis
     known = f"{audit.sentence} With that put in, nothing above the noise remains."
     return replace(diagnosis, verdict="explained", remaining=f"{known} {diagnosis.remaining}")
+
+
+def _answered(diagnosis: Diagnosis) -> Diagnosis:
+    """With the set-up's verdict, where that names what differs from a given model and nothing besides is claimed.
+
+    What free parameters leave may still be noise or missing physics; it is not what the model and the arm differ by.
+    """
+    audit = diagnosis.audit
+    if audit is None or not audit.differences or diagnosis.verdict not in ("no_mismatch", "undecided"):
+        return diagnosis
+    whole = audit.verdict == "named" and audit.holds
+    return replace(diagnosis, verdict="explained" if whole else "partly_explained")
+
+
+def set_up_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What an audit says, said before anything that a fit of these recordings says; empty where none was asked."""
+    audit = diagnosis.audit
+    return () if audit is None else tuple(item.sentence for item in audit.differences or (audit,))
+
+
+def set_up_verdict(diagnosis: Diagnosis) -> str:
+    """The verdict in words where the set-up alone makes it (`_answered`); else empty."""
+    audit = diagnosis.audit
+    if audit is None or diagnosis.model_comparison is None or not audit.differences:
+        return ""
+    if diagnosis.findings or diagnosis.unnamed:
+        return ""
+    if diagnosis.verdict == "explained":
+        return (
+            f"Explained: these recordings differ from {audit.source} in their set-up, by what is named. With that put "
+            "right, it leaves no more than a model that holds."
+        )
+    if diagnosis.verdict == "partly_explained":
+        return f"Partly explained: what is named of the set-up is there, but more differs from {audit.source}."
+    return ""

@@ -29,10 +29,11 @@ def comparison_section(comparison: ModelComparison | None) -> Section | None:
         Paragraph(comparison.sentence, "lead"),
         Table("RMS of measured minus modelled torque by joint, Nm", ("", *joint_heads(comparison.model_nm.size)), rows),
     ]
-    if links:
+    # With what is named in the set-up, links and parameters are off as a consequence of that.
+    if links and not comparison.set_up:
         head = ("link", "parameters", "torque of the difference, Nm", "chance if right")
         blocks.append(Table("Its links", head, links))
-    if wrong:
+    if wrong and not comparison.set_up:
         blocks.append(
             Table(
                 "Its base parameters that these recordings refute",

@@ -11,6 +11,7 @@ import numpy as np
 
 from identification.mismatch.between_recordings import one_a_line
 from identification.mismatch.findings import Diagnosis, HeldOut
+from identification.mismatch.set_up_answer import set_up_sentences, set_up_verdict
 from identification.report.class_section import class_section
 from identification.report.document import Block, Figure, Heading, Paragraph, Section, Table, Tone
 from identification.report.finding_blocks import claim, curve_panel, effect_name, finding_blocks, place_name
@@ -23,9 +24,10 @@ _NOTABLE = 0.02
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
     names = listed([claim(finding) for finding in diagnosis.findings])
-    begin = ""
+    against_model = diagnosis.model_comparison is not None
+    begin = "".join(f"{sentence} " for sentence in set_up_sentences(diagnosis) if against_model)
     if diagnosis.data_faults:
-        begin = f"The recording itself is faulty: {diagnosis.data_faults[0].sentence.rstrip('.')}. "
+        begin += f"The recording itself is faulty: {diagnosis.data_faults[0].sentence.rstrip('.')}. "
     detected = [str(joint + 1) for joint in np.flatnonzero(diagnosis.baseline.detected)]
     where = f" on {'joint' if len(detected) == 1 else 'joints'} {listed(detected)}" if detected else ""
     sentences = {
@@ -44,12 +46,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.heldout is not None and any(item.differs for item in diagnosis.heldout.misfits):
         sentences["unexplained"] = "The model does not hold on the held-out recordings: something differs between them."
-        if diagnosis.audit is not None:
+        if diagnosis.audit is not None and not against_model:
             sentences["unexplained"] += "".join(f" {item.sentence}" for item in diagnosis.audit.differences)
         sentences["partly_explained"] += " The held-out recordings disagree with the fitted ones."
-        differs = "" if diagnosis.audit is None else " ".join(item.sentence for item in diagnosis.audit.differences)
-        begun = sentences["explained"] if diagnosis.findings else "The model explains the fitted recordings."
-        sentences["explained"] = f"{begun} The held-out recordings differ from them by what is named: {differs}"
+        if diagnosis.audit is not None and not against_model:
+            differs = " ".join(item.sentence for item in diagnosis.audit.differences)
+            begun = sentences["explained"] if diagnosis.findings else "The model explains the fitted recordings."
+            sentences["explained"] = f"{begun} The held-out recordings differ from them by what is named: {differs}"
     if diagnosis.unnamed:
         said = " What the torque depends on is said below, whatever its form."
         sentences["unexplained"] += said
@@ -61,7 +64,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         begin += "The noise was not measured (a recording needs two periods or more): "
         begin += "what of the misfit is noise cannot be told. "
         sentences["no_mismatch"] = "No missing physics is shown, and none is ruled out."
-    return begin + sentences[diagnosis.verdict]
+    return begin + (set_up_verdict(diagnosis) or sentences[diagnosis.verdict])
 
 
 def tone_of(diagnosis: Diagnosis) -> Tone:

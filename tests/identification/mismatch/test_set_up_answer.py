@@ -5,14 +5,18 @@ Truth: Pinocchio's inverse dynamics of the arm of the model under another gravit
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from daemon.cli.diagnosis import set_up_lines, verdict_lines
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import Model
 from identification.physical_parameters import PhysicalParameters
 from identification.report.comparison_section import comparison_section
+from identification.report.diagnosis_sections import verdict_sentence
 from identification.report.document import Table
 from identification.robots import Installation, RobotModel, load_robot
 from tests.identification.mismatch.plant import NOISE_NM, record
@@ -34,7 +38,8 @@ def test_a_leaning_arm_is_fitted_under_the_gravity_that_it_felt(
 ) -> None:
     """Fitted as if level it left several Nm, which was called missing physics, or noise as likely."""
     recording = record(load_robot("iiwa14", Installation(GRAVITY)), table3, periods=1)
-    diagnosis = diagnose([recording], iiwa14, model=level)
+    known = replace(level, data={"rms_nm": {"fit": 7 * [NOISE_NM]}})
+    diagnosis = diagnose([recording], iiwa14, model=known)
     audit, compared = diagnosis.audit, diagnosis.model_comparison
     assert audit is not None
     assert [item.effect for item in audit.differences] == ["base_tilt"]
@@ -47,6 +52,15 @@ def test_a_leaning_arm_is_fitted_under_the_gravity_that_it_felt(
     assert compared.missing_nm.max() < 1.1 * NOISE_NM
     section = comparison_section(compared)
     assert section is not None
+    # Page and terminal say the same: the turn, which is all, and no link that would be wrong.
+    assert diagnosis.verdict == "explained"
+    (said,) = set_up_lines(diagnosis)
+    answer = verdict_lines(diagnosis)[-1]
+    assert said == f"Set-up: {audit.differences[0].sentence}"
+    assert answer.startswith("Explained: ")
+    headline = verdict_sentence(diagnosis)
+    assert headline.startswith(audit.differences[0].sentence)
+    assert headline.endswith(answer)
     assert [block.caption[:3] for block in section.blocks if isinstance(block, Table)] == ["RMS"]
     assert diagnosis.standing(iiwa14).to_json()["installation"]["gravity_m_s2"] == list(diagnosis.gravity)
 
