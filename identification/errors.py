@@ -147,16 +147,17 @@ class UndeterminedParametersError(EstimationError):
     """The observation matrix has fewer independent columns than parameters.
 
     parameters: names that the motion cannot tell apart from the others; rank, size: numbers of independent columns
-    and of parameters.
+    and of parameters. advice: what helps, where whoever raises it knows more of the motion than the names say.
     """
 
-    def __init__(self, parameters: tuple[str, ...], rank: int, size: int) -> None:
+    def __init__(self, parameters: tuple[str, ...], rank: int, size: int, advice: str = "") -> None:
         ways = (("OFF_", "--offset no"), ("IA_", "--rotor-inertia no"))
         out = " and ".join(way for symbol, way in ways if any(name.startswith(symbol) for name in parameters))
         shown = ", ".join(parameters[:12]) + (f" and {len(parameters) - 12} more" if len(parameters) > 12 else "")
+        usual = f"Record a richer excitation or leave these parameters out{f' ({out})' if out else ''}."
         super().__init__(
             f"The recorded motion determines only {rank} of {size} parameters; it leaves undetermined: {shown}. "
-            f"Record a richer excitation or leave these parameters out{f' ({out})' if out else ''}."
+            f"{advice or usual}"
         )
         self.parameters = parameters
         self.rank = rank

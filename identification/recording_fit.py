@@ -38,7 +38,7 @@ from identification.fitting.nominal_model import (
     notes_on_model,
     process_all,
 )
-from identification.fitting.processing import Processed, check_recording
+from identification.fitting.processing import Processed, check_recording, naming_joints_at_rest
 from identification.fitting.provenance import provenance
 from identification.fitting.result import FitResult
 from identification.fitting.rms import RmsRow, RmsTable
@@ -85,11 +85,8 @@ def fit_recordings(
     processed, band = process_all(recordings, robot, settings, report)
     if band is not None:
         settings = replace(settings, low_pass_hz=band.low_pass_hz)
-    report("regressor", 0.3)
-    model = choose_nominal_model(processed, robot, settings)
+    model, estimator, estimate = _nominal(processed, robot, settings, report)
     regressor = model.regressor
-    report("least squares", 0.5)
-    estimator, estimate = estimate_nominal(model, processed, settings)
     delay = _delay(model.blocks, regressor, estimate, estimator)
     shift = delay.of(settings.delay_correction)
     if settings.delay_correction != "no":
@@ -134,6 +131,17 @@ def fit_recordings(
     )
     report("done", 1.0)
     return result
+
+
+def _nominal(
+    processed: list[Processed], robot: RobotModel, settings: FitSettings, report: Progress
+) -> tuple[NominalModel, str, Estimate]:
+    """The nominal model, and the estimator by name with what it finds."""
+    with naming_joints_at_rest([item.recording for item in processed], robot):
+        report("regressor", 0.3)
+        model = choose_nominal_model(processed, robot, settings)
+        report("least squares", 0.5)
+        return model, *estimate_nominal(model, processed, settings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.errors import RecordingError
+from identification.errors import RecordingError, UndeterminedParametersError
 from identification.fitting.settings import FitSettings
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
@@ -59,6 +61,33 @@ def check_recording(recording: Recording, robot: RobotModel) -> None:
             field="tau",
             joint=dead[0] + 1,
         )
+
+
+@contextmanager
+def naming_joints_at_rest(recordings: Sequence[Recording], robot: RobotModel) -> Iterator[None]:
+    """Where parameters stay undetermined inside and joints stand still, each in one place: how to fit without them.
+
+    The columns of such a joint's friction are zero, which no option that leaves parameters out takes away.
+    """
+    try:
+        yield
+    except UndeterminedParametersError as error:
+        ends = np.array([(item.position.min(axis=0), item.position.max(axis=0)) for item in recordings])
+        low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+        still = [joint for joint in robot.driven if high[joint] - low[joint] < SMALLEST_MOTION]
+        if not still:
+            raise
+        locks = [f"--lock {robot.joint_names[j]}={0.5 * (low[j] + high[j]):z.4g}" for j in still]
+        if any(item.joint_names is None for item in recordings):
+            moving = [str(column) for column, joint in enumerate(robot.driven, 1) if joint not in still]
+            locks.append(f"--joints {','.join(moving)}")
+        which = ", ".join(str(joint + 1) for joint in still)
+        one = len(still) == 1
+        advice = (
+            f"Joint{'' if one else 's'} {which} {'stands' if one else 'stand'} still: move {'it' if one else 'them'} "
+            f"too, or fit without {'it' if one else 'them'}, {' '.join(locks)}."
+        )
+        raise UndeterminedParametersError(error.parameters, error.rank, error.size, advice) from error
 
 
 def process(recording: Recording, robot: RobotModel, settings: FitSettings) -> Processed:

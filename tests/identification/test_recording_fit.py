@@ -11,7 +11,9 @@ from identification.errors import EstimationError, RecordingError, UndeterminedP
 from identification.estimators import violations
 from identification.recording_fit import FitSettings, Split, fit_recordings
 from identification.recordings import Recording
+from identification.recordings.joint_choice import for_robot
 from identification.robots import load_robot
+from identification.robots.locking import lock_joints
 from tests.identification.synthetic import (
     coloured_noise,
     fourier_motion,
@@ -197,6 +199,21 @@ def test_a_motion_of_one_joint_names_what_it_leaves_undetermined() -> None:
         fit_recordings([recording], robot)
     assert caught.value.exit_code == 65
     assert "FV_3" in caught.value.parameters
+
+
+def test_a_joint_that_stands_still_is_named_with_the_lock_that_lets_the_others_be_fitted() -> None:
+    """Leaving rotor inertias out does not help: of the joint's friction no row tells anything."""
+    robot = load_robot("iiwa14")
+    q, dq, ddq = fourier_motion(7, period_s=PERIOD_S, samples=SAMPLES, seed=1)
+    q[:, 2], dq[:, 2], ddq[:, 2] = 0.4, 0.0, 0.0
+    recording = recording_of(q, inverse_dynamics(robot, table_three(), q, dq, ddq), period_s=PERIOD_S)
+    with pytest.raises(UndeterminedParametersError, match=r"3 stands .*--lock A3=0\.4 --joints 1,2,4,5,6,7") as caught:
+        fit_recordings([recording], robot, FitSettings(rotor_inertia="yes"))
+    assert "--rotor-inertia" not in str(caught.value)
+    locked = for_robot(recording, lock_joints(robot, {"A3": 0.4}), ["1", "2", "4", "5", "6", "7"])
+    found = fit_recordings([locked], lock_joints(robot, {"A3": 0.4}), FitSettings(physical=False))
+    values = dict(zip(found.names, found.values, strict=True))
+    assert values["FV_3"] == pytest.approx(table_three().viscous[3], rel=1e-6)
 
 
 def test_progress_runs_from_zero_to_one() -> None:
