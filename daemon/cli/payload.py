@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -82,6 +83,7 @@ def lines_of(body: Body, stated: Sequence[dict[str, str]], unit: str) -> list[st
         *([TAKEN_OFF] if body.mass.interval[1] < 0.0 else []),
         f"With this load {after:.3g} {unit} RMS stay (all joints together), without it {before:.3g} {unit}.",
         *([] if longer is None else [longer]),
+        *_other_scale(body),
         compared(body, stated),
     ]
 
@@ -100,6 +102,21 @@ def _how_much_longer(body: Body) -> str | None:
         f"The centre is known within ± {1e3 * worst:.1f} mm: the load is too light for ± {1e3 * CENTER_KNOWN_M:g} mm "
         f"from {body.seconds:.0f} s of motion. About {10 * tens} s without and as much with it would do."
     )
+
+
+def _other_scale(body: Body) -> list[str]:
+    """That torque reads otherwise with the load than without, where that is clear."""
+    from identification.audit.comparison import LEAST_SIGMAS
+    from identification.audit.difference import with_interval
+
+    more = body.torque_ratio.value - 1.0
+    if abs(more) < LEAST_SIGMAS * body.torque_ratio.std:
+        return []
+    size = with_interval(replace(body.torque_ratio, value=abs(more)), 100.0, "%")
+    return [
+        f"The same torque reads {size} {'more' if more > 0.0 else 'less'} with the tool than without. The load is in "
+        "units of the recordings without it; which are right is not known, and its mass is so much less certain."
+    ]
 
 
 def compared(body: Body, stated: Sequence[dict[str, str]]) -> str:
@@ -147,6 +164,7 @@ def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
         "load_data": cabinet_load_data(body),
         "undetermined": list(body.undetermined),
         "set": {name: stated[1][name] for name in SET if name in stated[1]},
+        "torque_ratio": body.torque_ratio.to_json(),
         "seconds": body.seconds,
         "seconds_for_2_mm": number(body.seconds_for(CENTER_KNOWN_M)),
         "comparison": compared(body, stated),

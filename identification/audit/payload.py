@@ -1,7 +1,7 @@
 """The mass, centre and inertia of a tool, from recordings without and with it.
 
 Both are explained by one arm, τ = Y δ, and those with the tool by ten parameters of a body on the last link besides;
-friction and offsets may differ between the two as from day to day. Pure.
+friction and offsets may differ between the two as from day to day, and the scale of all torques. Pure.
 """
 
 from __future__ import annotations
@@ -10,17 +10,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.audit import STILL_ITS_OWN
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
-from identification.audit.comparison import ALL, PARTS
+from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
 from identification.audit.difference import Number, numbers_of
-from identification.audit.evidence import Estimate, Products, as_they_scatter, posterior, products_of
+from identification.audit.evidence import Products, as_they_scatter, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
@@ -35,7 +34,7 @@ from identification.robots.model import RobotModel, refuse_followers
 
 TOOLS_REACH_M = 1.0
 """Half of an interval that is wider says nothing of where a load sits."""
-_TURNS = 3
+_TURNS = 4
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")
 _INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
 
@@ -57,6 +56,7 @@ class Body:
     rms_before: tuple[float, ...]
     rms_after: tuple[float, ...]
     seconds: float
+    torque_ratio: Number
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -91,23 +91,19 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     _refuse_turned([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
-    factor, width = _prior(sizes, robot.n)
+    width = _prior(sizes, robot.n, last.link)
     std = np.maximum(0.1 * sizes.torque, 1e-9)
-    estimate, products, weight, rms, bare = _fitted(runs, columns, factor, std)
-    own = slice(PARAMETERS * robot.n, PARAMETERS * robot.n + INERTIAL)
-    without_one = np.array(
-        [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[own] for part in ALL]
-    )
-    covariance = as_they_scatter(estimate.covariance[own, own], without_one)
-    values = estimate.values[own]
-    if abs(values[0]) > width:
+    products, weight, rms, bare = _fitted(runs, columns, width, std)
+    values, covariance, ratio = _weighted_by_odds(products, weight, width, robot.n)
+    if abs(values[0]) > _widest(sizes):
         raise EstimationError(
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
     left, load = (bare, float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
     _refuse_undescribed(*left, load, robot.torque_unit)
-    _refuse_two_arms(left, [_left_alone(*side, factor, std) for side in zip(runs, columns, strict=True)], load, robot)
+    _refuse_two_arms(left, [_left_alone(*side, width, std) for side in zip(runs, columns, strict=True)], load, robot)
+    _refuse_elsewhere(products, weight, sizes, robot)
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -115,7 +111,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
         )
     seconds = min(sum(item.duration_s for item in side) for side in (without, with_load))
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds)
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds, ratio)
 
 
 def _refuse_undescribed(without: float, with_load: float, load: float, unit: str) -> None:
@@ -144,8 +140,9 @@ def _refuse_two_arms(left: Sequence[float], alone: Sequence[float], load: float,
         if both >= max(STILL_ITS_OWN * own, CAPTURE * load):
             raise EstimationError(
                 f"One load does not describe the difference: beside one arm {both:.3g} {robot.torque_unit} RMS stay of "
-                f"the recordings {side} the tool (all joints together), beside an arm of their own {own:.3g}. The two "
-                "sides are of different arms, or something other than the tool differs. `iiwa-ident compare` says what."
+                f"the recordings {side} the tool (all joints together), beside an arm of their own {own:.3g}. "
+                "Something changed while they were recorded, such as a tool picked up or put down, the two sides are "
+                "of different arms, or something other than the tool differs. `iiwa-ident compare` says what."
             )
 
 
@@ -209,55 +206,130 @@ def _shows(item: Number) -> bool:
 
 
 def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
-    """(R, n, K): the arm, the body, and what friction and offset differ by; the last two of the loaded run only."""
+    """(R, n, 27 n + 1): the arm, a body on each link, what friction and offset differ by, and room for the scale.
+
+    All but the arm's are of the loaded run only.
+    """
+    n = robot.n
     arm = Geometry(robot, rows).columns(np.array(robot.gravity))
-    last = arm[..., PARAMETERS * (robot.n - 1) : PARAMETERS * (robot.n - 1) + INERTIAL]
-    drives = [PARAMETERS * joint + SYMBOLS.index(symbol) for joint in range(robot.n) for symbol in ("FV", "FS", "OFF")]
-    return np.concatenate([arm, loaded * last, loaded * arm[..., drives]], axis=2)
+    bodies = arm.reshape(*arm.shape[:2], n, PARAMETERS)[..., :INERTIAL].reshape(*arm.shape[:2], INERTIAL * n)
+    drives = [PARAMETERS * joint + SYMBOLS.index(symbol) for joint in range(n) for symbol in ("FV", "FS", "OFF")]
+    return np.concatenate([arm, loaded * bodies, loaded * arm[..., drives], np.zeros((*arm.shape[:2], 1))], axis=2)
 
 
-def _prior(sizes: Sizes, n: int) -> tuple[FloatArray, float]:
-    """The factor of all columns' prior, and the largest mass."""
-    mass, length = WIDEST * float(sizes.mass.mean()), float(sizes.length.max())
-    body = mass * np.array([1.0, *3 * [length], *6 * [length**2]])
+def _body_on(link: int, n: int) -> slice:
+    """Columns of the body on a link, from 0."""
+    return slice(PARAMETERS * n + INERTIAL * link, PARAMETERS * n + INERTIAL * (link + 1))
+
+
+def _prior(sizes: Sizes, n: int, link: int) -> FloatArray:
+    """(27 n + 1,) standard deviations of all columns' prior where the body is on one link only.
+
+    All torques are taken to differ from day to day by no larger share than friction does.
+    """
+    mass, length = _widest(sizes), float(sizes.length.max())
+    bodies = np.zeros((n, INERTIAL))
+    bodies[link] = mass * np.array([1.0, *3 * [length], *6 * [length**2]])
     table = sizes.each.reshape(n, PARAMETERS)
     daily = np.column_stack(
         [DAILY_FRICTION * table[:, INERTIAL : INERTIAL + 2], DAILY_OFFSET / DRIVE * table[:, INERTIAL + 2]]
     )
-    return block_diag(np.diag(wide_open(sizes)), np.diag(body), np.diag(daily.ravel())), mass
+    return np.concatenate([wide_open(sizes), bodies.ravel(), daily.ravel(), [DAILY_FRICTION]])
 
 
-def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], factor: FloatArray, std: FloatArray) -> tuple[
-    Estimate, Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]], float
+def _widest(sizes: Sizes) -> float:
+    """kg, the largest load."""
+    return WIDEST * float(sizes.mass.mean())
+
+
+def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArray, std: FloatArray) -> tuple[
+    Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]], float
 ]:  # fmt: skip
-    """The estimate weighted by what it leaves itself, its products and weights (n,), the loaded runs' RMS without and
-    with the body, and what stays of the others, all joints together.
+    """The products of an estimate weighted by what it leaves itself, its weights (n,), the loaded runs' RMS without and
+    with the body, and what stays of the others, all joints together. width: as `_prior` gives it.
+
+    The loaded runs' torque is (1 + s) times the model's, so the scale's column is what the model predicts.
     """
     torque, used, before, block = (
         np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
     )
-    every, colour = np.concatenate(columns), Colour.white(std)
+    every, colour, count = np.concatenate(columns), Colour.white(std), len(runs[0].used)
     for _ in range(_TURNS):
         weight = 1.0 / colour.std**2
         white = colour.innovations(every, before), colour.innovations(torque, before)
         products = products_of(*white, used, block % PARTS, PARTS)
-        estimate = posterior(*products.summed(ALL, weight), factor)
+        estimate = posterior(*products.summed(ALL, weight), np.diag(width))
         left = np.where(used, torque - every @ estimate.values, 0.0)
         colour = colour_of(left, used)
         colour = replace(colour, std=np.maximum(colour.std, 1e-9))
-    own = slice(factor.shape[0] - 3 * len(std) - INERTIAL, factor.shape[0] - 3 * len(std))
+        every[count:, :, -1] = every[count:, :, :-1] @ estimate.values[:-1]
+    own, loaded = _body_on(len(std) - 1, len(std)), runs[1].used
     body = columns[1][..., own] @ estimate.values[own]
-    count, loaded = len(runs[0].used), runs[1].used
     sides = ((left[:count], runs[0].used), (np.where(loaded, left[count:] + body, 0.0), loaded), (left[count:], loaded))
     bare, *rms = (_rms(*side) for side in sides)
-    return estimate, products, weight, (rms[0], rms[1]), float(np.linalg.norm(bare))
+    return products, weight, (rms[0], rms[1]), float(np.linalg.norm(bare))
 
 
-def _left_alone(rows: Rows, columns: FloatArray, factor: FloatArray, std: FloatArray) -> float:
+def _weighted_by_odds(products: Products, weight: FloatArray, width: FloatArray, n: int) -> tuple[
+    FloatArray, FloatArray, Number
+]:  # fmt: skip
+    """The body's parameters (10,) with their covariance, and the ratio of the torques.
+
+    A scale of the torque is taken where the data rather have one: its own likelihood less one (Akaike's). By the odds
+    of the two models the covariance is that of both, and the distance between them; which side's torque reads right
+    nobody knows.
+    """
+    own = np.append(np.arange(len(width))[_body_on(n - 1, n)], len(width) - 1)
+    without = np.append(width[:-1], 0.0)
+    (free, wide), (fixed, narrow) = (_scattered(products, weight, each, own) for each in (width, without))
+    scale, std = float(free[-1]), float(np.sqrt(wide[-1, -1]))
+    share = 1.0 / (1.0 + float(np.exp(min(1.0 - 0.5 * (scale / std) ** 2, 700.0))))
+    values = (free if share > 0.5 else fixed)[:-1]
+    covariance = np.zeros((INERTIAL, INERTIAL))
+    for odds, body, spread in ((share, free[:-1], wide), (1.0 - share, fixed[:-1], narrow)):
+        away = body - values
+        covariance += odds * (spread[:-1, :-1] + np.outer(away, away))
+    covariance += share * scale**2 * np.outer(values, values)
+    return values, covariance, Number("torque_ratio", 1.0 + scale, std, "")
+
+
+def _scattered(products: Products, weight: FloatArray, width: FloatArray, own: IntArray) -> tuple[
+    FloatArray, FloatArray
+]:  # fmt: skip
+    """Some columns' values and covariance, as wide as they scatter where a part of the rows is left out; unknown where
+    the prior allows none.
+    """
+    factor = np.diag(width)
+    estimate = posterior(*products.summed(ALL, weight), factor)
+    live = own[width[own] > 0.0]
+    left_out = np.array(
+        [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[live] for part in ALL]
+    )
+    covariance = np.zeros((len(own), len(own)))
+    kept = np.flatnonzero(width[own] > 0.0)
+    covariance[np.ix_(kept, kept)] = as_they_scatter(estimate.covariance[np.ix_(live, live)], left_out)
+    return estimate.values[own], covariance
+
+
+def _refuse_elsewhere(products: Products, weight: FloatArray, sizes: Sizes, robot: RobotModel) -> None:
+    """What hangs on another link has a mass, a centre and intervals at the flange, too: those of no body."""
+    gram, right = products.summed(ALL, weight)
+    fits = [posterior(gram, right, np.diag(_prior(sizes, robot.n, link))).values for link in range(robot.n)]
+    nats = np.array([0.5 * float(right @ values) for values in fits])
+    likely = np.flatnonzero(nats > nats.max() - LEAST_GAIN)
+    if robot.n - 1 not in likely:
+        links = " or ".join(str(link + 1) for link in likely)
+        raise EstimationError(
+            f"The recordings do not differ by a load at the flange: one on link {links} explains them far better. Let "
+            "nothing but the tool differ between them."
+        )
+
+
+def _left_alone(rows: Rows, columns: FloatArray, width: FloatArray, std: FloatArray) -> float:
     """RMS of all joints together that the arm leaves of one side where it is fitted to that side only."""
     arm = slice(0, PARAMETERS * len(std))
     products = products_of(columns[..., arm], rows.torque, rows.used, rows.block % PARTS, PARTS)
-    values = posterior(*products.summed(ALL, 1.0 / std**2), factor[arm, arm]).values
+    values = posterior(*products.summed(ALL, 1.0 / std**2), np.diag(width[arm])).values
     left = np.where(rows.used, rows.torque - columns[..., arm] @ values, 0.0)
     return float(np.linalg.norm(_rms(left, rows.used)))
 

@@ -48,6 +48,22 @@ def recorded(iiwa14: RobotModel, table3: PhysicalParameters) -> Callable[..., Re
     return record
 
 
+def on_link(iiwa14: RobotModel, recording: Recording, link: int, body: pinocchio.Inertia) -> Recording:
+    """The recording with a body in the frame of a link, from 1, besides."""
+    position = recording.position
+    step = float(np.diff(recording.time).mean())
+    period = np.concatenate([position[-3:], position, position[:3]])
+    velocity = np.gradient(period, step, axis=0)
+    acceleration = np.gradient(velocity, step, axis=0)[3:-3]
+    model = iiwa14.pinocchio_model.copy()
+    for joint in range(1, model.njoints):
+        model.inertias[joint] = pinocchio.Inertia.Zero()
+    model.inertias[link] = body
+    data = model.createData()
+    states = zip(position, velocity[3:-3], acceleration, strict=True)
+    return replace(recording, torque=recording.torque + np.array([pinocchio.rnea(model, data, *s) for s in states]))
+
+
 def body_of(mass: float, center: tuple[float, float, float]) -> pinocchio.Inertia:
     return pinocchio.Inertia(mass, np.array(center), 0.4 * mass * 0.05**2 * np.eye(3))
 
@@ -75,9 +91,34 @@ def test_a_tool_picked_up_while_one_side_was_recorded_is_refused(
     bare, tool, before, after = recorded(None, 1), recorded(body, 2), recorded(None, 3), recorded(body, 4)
     held = np.arange(len(tool.torque)) >= len(tool.torque) // 2
     changed = replace(before, torque=np.where(held[:, None], after.torque, before.torque))
-    with pytest.raises(EstimationError, match=f"does not describe the recordings {side} the tool") as refused:
+    with pytest.raises(EstimationError, match="One load does not describe") as refused:
         weigh(iiwa14, *(([bare], [changed]) if side == "with" else ([changed], [tool])))
     assert "Something changed while they were recorded" in str(refused.value)
+
+
+@pytest.mark.parametrize(("mass", "link"), [(0.5, 3), (2.0, 5)])
+def test_what_hangs_on_another_link_is_no_load_at_the_flange(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], mass: float, link: int
+) -> None:
+    """2 kg on link 3 were 0.3 ± 0.07 kg at the flange."""
+    loaded = on_link(iiwa14, recorded(None, 2), link, body_of(mass, (0.03, -0.02, 0.06)))
+    with pytest.raises(EstimationError, match=rf"not differ by a load at the flange: one on link .*{link}"):
+        weighed(iiwa14, recorded(None, 1), loaded)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.98, 1.05])
+def test_a_load_is_weighed_where_torque_reads_otherwise_with_it(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], ratio: float
+) -> None:
+    """The arm is what both runs weigh. 5 % moved the centre by 19 mm, outside its interval."""
+    center = (0.03, -0.02, 0.06)
+    loaded = recorded(body_of(2.0, center), 2)
+    found = weighed(iiwa14, recorded(None, 1), replace(loaded, torque=ratio * loaded.torque))
+    assert found.torque_ratio.value == pytest.approx(ratio, abs=3.0 * found.torque_ratio.std)
+    assert found.torque_ratio.std < 0.005
+    for item, truth in zip((found.mass, *found.center), (2.0, *center), strict=True):
+        assert item.value == pytest.approx(truth, abs=3.0 * item.std)
+        assert item.std < 0.005 + 1.1 * abs(ratio - 1.0) * (2.0 if item is found.mass else 0.0)
 
 
 def test_two_arms_of_as_many_joints_have_no_load_between_them(
@@ -106,8 +147,9 @@ def test_the_intervals_hold_as_often_as_they_say(iiwa14: RobotModel, recorded: C
             squares.append(((item.value - value) / item.std) ** 2)
     # 32 intervals of 95 %: fewer than 26 that hold have a chance of one in a thousand.
     assert sum(held) >= 26
-    # And none is wide without need: χ² of 32 is between 15 and 56 with odds of 99 : 1.
-    assert 15.0 < sum(squares) < 56.0
+    # None is wide without need: χ² of 32 is between 15 and 56 with odds of 99 : 1. That torque may read otherwise on
+    # another day makes them up to twice as wide.
+    assert 15.0 / 4.0 < sum(squares) < 56.0
 
 
 def test_twice_the_time_halves_the_square_of_what_is_not_known_of_the_centre(
@@ -120,6 +162,9 @@ def test_twice_the_time_halves_the_square_of_what_is_not_known_of_the_centre(
     assert found.seconds_for(worst / 2.0) == pytest.approx(4.0 * found.seconds)
 
 
+SAME = Number("torque_ratio", 1.0, 0.01, "")
+
+
 def body_known_to(center_std: float, inertia: dict[str, tuple[float, float]]) -> Body:
     """3 kg, its centre known so well, m. inertia: entry → value and deviation, kg m², where not the usual ones."""
     center = tuple(Number(f"com_{axis}", 0.05, center_std, "m") for axis in "xyz")
@@ -127,7 +172,7 @@ def body_known_to(center_std: float, inertia: dict[str, tuple[float, float]]) ->
     names = ("xx", "yy", "zz", "xy", "xz", "yz")
     values = [inertia.get(name, (usual.get(name, 0.0), 0.001)) for name in names]
     numbers = tuple(Number(f"inertia_{name}", *own, "kg m^2") for name, own in zip(names, values, strict=True))
-    return Body("the flange", Number("mass", 3.0, 0.01, "kg"), center, numbers, (1.0,), (0.1,), 20.0)
+    return Body("the flange", Number("mass", 3.0, 0.01, "kg"), center, numbers, (1.0,), (0.1,), 20.0, SAME)
 
 
 def test_no_time_is_enough_where_nothing_of_the_centre_is_known() -> None:
