@@ -16,6 +16,7 @@ from identification.robots.locking import lock_joints
 from identification.robots.model import BUILT_IN, Kinematics, RobotModel
 from identification.robots.modified_denavit_hartenberg import robot_from_arrays, robot_from_table
 from identification.robots.urdf import robot_from_urdf
+from identification.robots.urdf_parser import text_of
 
 __all__ = [
     "BUILT_IN_ROBOTS",
@@ -54,8 +55,8 @@ def _described(spec: str | Path, gravity: tuple[float, float, float]) -> RobotMo
             f"There is no robot '{spec}': it is neither a file nor one of {', '.join(BUILT_IN_ROBOTS)}.", file=path
         )
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = text_of(path)
+    except (OSError, ValueError, LookupError) as error:
         raise RobotError(f"{path} cannot be read as text: {reason_of(error)}.", file=path) from error
     suffix = path.suffix.lower()
     if suffix == ".csv":

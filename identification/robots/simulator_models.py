@@ -21,7 +21,7 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RobotError, RobotNotFoundError
 from identification.robots.model import BUILT_IN, TABLE_IN_FILES, RobotModel
-from identification.robots.urdf_parser import DRAKE, parsed_urdf, refuse_xacro
+from identification.robots.urdf_parser import DRAKE, parsed_urdf, refuse_xacro, text_of
 
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(q, q̇, q̈), each (n,) → torque (n,) Nm."""
@@ -149,7 +149,7 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
 
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
     refuse_xacro(root, path)
-    model = parsed_urdf(path.read_text("utf-8"), bodies=True)
+    model = parsed_urdf(text_of(path), bodies=True)
     names = list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
     jacobians = pinocchio.computeJointJacobians(model, model.createData(), pinocchio.neutral(model))

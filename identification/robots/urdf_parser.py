@@ -46,6 +46,13 @@ def parsed_urdf(text: str, *, bodies: bool = False) -> pinocchio.Model:
     return model
 
 
+def text_of(path: Path) -> str:
+    """The text of a file, in the encoding that it declares as XML, else in UTF-8."""
+    with path.open("rb") as file:
+        declared = re.match(rb"""<\?xml[^>]*encoding=["']([A-Za-z0-9._-]+)["']""", file.read(200))
+    return path.read_text("utf-8" if declared is None else declared.group(1).decode("ascii"))
+
+
 def refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
     """Raises RobotError for a description with xacro elements: readers pass over them and all that they stand for."""
     for element in root.iter():

@@ -205,3 +205,16 @@ def test_loads_are_given_in_the_controllers_tool_frame_also_where_a_flange_stand
     robot = robot_from_urdf(URDF.replace("</robot>", frames), source="arm.urdf")
     assert robot.flange is not None
     assert np.allclose(robot.flange.point(np.array([0.02, 0.03, 0.15])), [0.02, 0.03, 0.1], atol=1e-12)
+
+
+def test_a_urdf_may_be_in_another_encoding_that_it_declares(tmp_path: Path) -> None:
+    text = (
+        '<?xml version="1.0" encoding="ISO-8859-1"?><robot name="r"><!-- für --><link name="base"/><link name="rim"/>'
+    )
+    text += '<joint name="axle" type="continuous"><parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint>'
+    file = tmp_path / "wheel.urdf"
+    file.write_bytes(f"{text}</robot>".encode("latin-1"))
+    assert load_robot(file).joint_names == ("axle",)
+    file.write_bytes(f"{text}</robot>".replace("ISO-8859-1", "nonsense").encode("latin-1"))
+    with pytest.raises(RobotError, match="cannot be read as text: unknown encoding: nonsense"):
+        load_robot(file)
