@@ -71,8 +71,8 @@ def import_recording(
         results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
         if not wants_json_on_stdout(json_file):
             data(
-                f"{file}: {recording.samples} samples of {recording.n} joints, {recording.duration_s:.3f} s, "
-                f"written to {target}"
+                f"{file}: {recording.samples} samples of {recording.n} joint{'s' * (recording.n != 1)}, "
+                f"{recording.duration_s:.3f} s, written to {target}"
             )
             said = (*recording.report.findings, *standing_values(recording))
             data_lines(f"  {finding.sentence}" for finding in said)
