@@ -18,9 +18,8 @@ from identification.investigation.choice import ENOUGH, Choice
 from identification.investigation.experiments import PERIOD_S
 from identification.investigation.forecast import LEAST_GAIN
 from identification.investigation.study import Study
-from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.reader import read_recording
-from identification.signals.periodic import smooth_motion
+from identification.signals.periodic import PeriodicSettings, smooth_motion
 from identification.signals.periods import average_periods, period_table
 
 FIRST_PERIODS, SECOND_PERIODS = 8, 4
@@ -108,7 +107,7 @@ def _motion_of(first: Recorded, robot: str, folder: Path) -> Trajectory:
     if first.motion is not None:
         return load_trajectory(folder / first.motion.trajectory)
     average = average_periods(period_table(read_recording(first.file)))
-    table = smooth_motion(average, DiagnosisSettings().motion_bandwidth_hz)[0]
+    table = smooth_motion(average, PeriodicSettings())[0]
     return TableTrajectory(table, len(table) / average.period_s, robot)
 
 

@@ -18,10 +18,8 @@ from identification.recordings.recording import Recording
 from identification.regressor import rigid_body_columns
 from identification.robots import RobotModel
 from identification.robots.flange import IIWA_FLANGE
-from identification.signals.periodic import smooth_motion
+from identification.signals.periodic import PeriodicSettings, smooth_motion
 from identification.signals.periods import average_periods, period_table
-
-_BANDWIDTH_HZ = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +83,7 @@ def less_torque(
             file=recording.source.path,
         )
     average = average_periods(period_table(recording))
-    along = torque_along(*smooth_motion(average, _BANDWIDTH_HZ))[:: average.finer.factor]
+    along = torque_along(*smooth_motion(average, PeriodicSettings()))[:: average.finer.factor]
     place = recording.sample_in_period
     inside = (place >= 0) & (place < len(along))
     torque = recording.torque.copy()

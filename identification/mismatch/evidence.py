@@ -139,7 +139,7 @@ def periodic_evidence(
     """The evidence of a recording whose motion repeats, with the noise that its periods differ by."""
     average = average_periods(table)
     bands = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
-    position, velocity, acceleration = smooth_motion(average, bands.motion_bandwidth_hz, bands.torque_bandwidth_hz)
+    position, velocity, acceleration = smooth_motion(average, bands)
     lines = torque_lines(average, bands)
     project = projection_of(velocity, average, lines)
     finer = average.finer

@@ -64,9 +64,7 @@ def process_periodic(
         bounded = {"share_beyond_bound": beyond.round(5).tolist(), "share_replaced": replaced.round(5).tolist()}
     average = average_periods(table)
     finer, samples = average.finer, average.position.shape[0] * average.finer.factor
-    position, velocity, acceleration = smooth_motion(
-        average, settings.motion_bandwidth_hz, settings.torque_bandwidth_hz
-    )
+    position, velocity, acceleration = smooth_motion(average, settings)
     lines = torque_lines(average, settings)
     rows = 2 * lines + 1
     counts = np.maximum(average.counts, 1)[:, None]
@@ -94,9 +92,7 @@ def process_periodic(
             "periods": average.periods,
             "samples_per_period": samples,
             "period_s": average.period_s,
-            "motion_harmonics": int(
-                motion_harmonics(average, settings.motion_bandwidth_hz, settings.torque_bandwidth_hz).max(initial=0)
-            ),
+            "motion_harmonics": int(motion_harmonics(average, settings).max(initial=0)),
             "torque_lines": lines,
             "band_hz": lines / average.period_s,
             "notes": list(average.notes),
@@ -148,18 +144,18 @@ def torque_lines(average: PeriodAverage, settings: PeriodicSettings) -> int:
     return min(widest, max(last, FEWEST_LINES, int(LOWEST_BAND_HZ * average.period_s)))
 
 
-def motion_harmonics(average: PeriodAverage, bandwidth_hz: float, widest_hz: float = 0.0) -> IntArray:
-    """(n,) harmonics of each joint up to the last within bandwidth_hz on which its mean position is above its noise.
+def motion_harmonics(average: PeriodAverage, settings: PeriodicSettings) -> IntArray:
+    """(n,) harmonics of each joint up to the last in the motion's bandwidth on which its mean is above its noise.
 
-    A motion that does not end there is followed on, up to widest_hz, as long as the lines around each (`smooth_over_
-    lines`) stand above the noise: a single one out there is no motion, and all up to it would be let in.
+    A motion that does not end there is followed on, up to the torque's, as long as the lines around each
+    (`smooth_over_lines`) stand above the noise: a single one out there is no motion, and all up to it would be let in.
     One number for all joints would let the noise of the slowest joint into its acceleration. A joint that shows none
     stands still (0): from the noise of its encoder, parameters would be fitted that no motion determines.
     """
     samples = average.position.shape[0]
     cap, widest = (
         max(1, min(int(hertz * average.period_s), (samples - 1) // 2))
-        for hertz in (bandwidth_hz, max(bandwidth_hz, widest_hz))
+        for hertz in (settings.motion_bandwidth_hz, max(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz))
     )
     # Same units as the noise spectrum: |line|² / M, white noise of variance s² gives s².
     power = np.abs(np.fft.rfft(average.position, axis=0)) ** 2 / samples
@@ -175,9 +171,7 @@ def motion_harmonics(average: PeriodAverage, bandwidth_hz: float, widest_hz: flo
     return np.where(further > 0, cap + further - 1, last).astype(np.int64)
 
 
-def smooth_motion(
-    average: PeriodAverage, bandwidth_hz: float, widest_hz: float = 0.0
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def smooth_motion(average: PeriodAverage, settings: PeriodicSettings) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean position (S, n) of each joint's own harmonics with its first and second derivative, exact for these.
 
     On the grid of the rows, S = M, or on the finer one that their model asks for (`finer_grid`).
@@ -186,7 +180,7 @@ def smooth_motion(
         differentiate_harmonics(
             average.finer.refined(average.position[:, joint : joint + 1]), average.period_s, int(harmonics)
         )
-        for joint, harmonics in enumerate(motion_harmonics(average, bandwidth_hz, widest_hz))
+        for joint, harmonics in enumerate(motion_harmonics(average, settings))
     ]
     position, velocity, acceleration = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
     return position, velocity, acceleration
