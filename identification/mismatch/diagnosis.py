@@ -6,7 +6,7 @@ parts live in the modules beside this one; this one only joins them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -23,22 +23,13 @@ from identification.fitting.result import FitResult
 from identification.fitting.settings import Progress, Split, silent
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.baseline import ModelComparison, compare_elsewhere, compare_model, name_of
-from identification.mismatch.changes.drift_in_mean import find_drift_in_mean
-from identification.mismatch.changes.repeated_contact import (
-    beside,
-    excess_per_row,
-    explains_better,
-    find_repeated_contact,
-    misfit_elsewhere,
-)
-from identification.mismatch.claims import Claims, build_findings
+from identification.mismatch.claims import Claims
 from identification.mismatch.data_faults.faults import stops_physics, upright
 from identification.mismatch.effects.base import Effect, Place
+from identification.mismatch.explained import Explained, concluded, explained_by_few
 from identification.mismatch.extended_model import rms_with_findings
 from identification.mismatch.findings import Baseline, DataFault, Diagnosis
 from identification.mismatch.heldout import Residuals
-from identification.mismatch.names.examination import joints_shown
-from identification.mismatch.names.proposals import search_beside_classes
 from identification.mismatch.nominal import (
     Nominal,
     nominal_fit,
@@ -51,18 +42,13 @@ from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.prismatic import in_units_of_joints
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
-from identification.mismatch.search.library import Library
-from identification.mismatch.search.search import SearchResult, search
 from identification.mismatch.search.trial import Trial
-from identification.mismatch.search.trial import fitted as fitted_again
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.set_up import data_faults_of
 from identification.mismatch.set_up_answer import settled, under_their_gravity, with_model
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
-from identification.mismatch.unknown.covariance import ClassCovariance
-from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import changing, earned_over_time
 from identification.model_file import Model
@@ -71,20 +57,6 @@ from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Explained:
-    """What the search settled on so far: the nominal model, what it was fitted to, and the effects beside it.
-
-    library: of the fitted evidences. problem: theirs, weighted by the noise alone.
-    """
-
-    regressor: BaseRegressor
-    fitted: Prepared
-    library: Library
-    problem: Problem
-    result: SearchResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,9 +73,6 @@ class Examined:
     fit: FitResult | None
     faults: tuple[DataFault, ...]
     faults_stop_physics: bool
-
-
-Unseen = Callable[[BaseRegressor, Problem, Trial], Prepared | None]
 
 
 def diagnose(
@@ -151,14 +120,14 @@ def diagnose(
     fitted, refused = earned_over_time(prepare(rows.fitted, robot, regressor, settings, split))
     nominal = nominal_of(rows.fit, regressor, fitted.evidences)
     report("search", 0.3)
-    now = _with_push(_explained(regressor, fitted, settings), unseen_by, settings)
-    inactive = now.library.candidates()[1]
-    now = _with_drift(now, {item.joint for item in refused}, settings)
+    explained = explained_by_few(regressor, fitted, settings)
+    inactive = explained.library.candidates()[1]
     report("held-out check", 0.8)
-    unseen = unseen_by(now.regressor, now.problem, now.result.trial)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
-    now, dependence = _against_classes(now, unseen, settings) if physics else (now, None)
-    claims = build_findings(now.result.library, now.result, now.fitted, unseen, settings, dependence, nominal)
+    changing_joints = {item.joint for item in refused}
+    now, unseen, dependence, claims = concluded(
+        explained, unseen_by, nominal, changing_joints, settings, physics=physics
+    )
     claims = claims.with_too_weak((item.effect, item.joint) for item in refused if item.weak)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)
@@ -290,70 +259,6 @@ def _other_set_up(diagnosis: Diagnosis, rows: Examined, robot: RobotModel) -> Au
     found = _audited(rows.unseen, robot, model_of_fit(rows.fit, name), name)
     taken = 0.0 if found is None else sum(item.explained for item in found.differences)
     return found if taken >= 1.0 - CAPTURE else None
-
-
-def _explained(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:
-    """What few effects explain of the mean of the periods, or of the rows where there are none."""
-    problem, library = fitted.problem(), fitted.library()
-    result = search(problem, library, fitted.renewal(regressor, library), settings)
-    return Explained(regressor, fitted, library, problem, result)
-
-
-def _against_classes(
-    now: Explained, unseen: Prepared | None, settings: DiagnosisSettings
-) -> tuple[Explained, Dependence]:
-    """The names, and the classes that they have to stand out from, asked also where a name alone shows, however weak.
-
-    Where few names do not explain all, they are those that stand out from torque of no known form.
-    """
-    named = joints_shown(now.result.trial)
-    dependence = find_dependence(now.fitted, unseen, named)
-    if now.problem.noise_is_measured and not now.result.trial.complete:
-        renewed, classes = now.fitted.renewal(now.regressor, now.library), ClassCovariance.of(now.problem, dependence)
-        result = search_beside_classes(classes, now.result.before, now.library, renewed, settings)
-        now = replace(now, result=result)
-    shown = joints_shown(now.result.trial)
-    asked_already = dependence.every.asked[sorted(shown)].all()
-    return now, dependence if asked_already else find_dependence(now.fitted, unseen, named | shown)
-
-
-def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -> Explained:
-    """With a push that comes in every period, where it explains more and another motion does not speak against it."""
-
-    def misfit_of_another_motion() -> float:
-        other = unseen_by(now.regressor, now.problem, now.result.trial)
-        return 0.0 if other is None else excess_per_row(other.problem())
-
-    contact = find_repeated_contact(now.problem, now.fitted.evidences, now.result, settings, misfit_of_another_motion)
-    if contact is None:
-        return now
-    renewed = now.fitted.renewal(now.regressor, now.library)
-    # More effects than these explain nothing, and a push is claimed only where nothing but noise is left.
-    few = replace(settings, largest_findings=settings.largest_explanation)
-    other = search(now.fitted.with_change(contact).problem(), now.library, renewed, few)
-    if not explains_better(now.problem, contact, other, now.result, settings):
-        return now
-    push = beside(now.problem, now.fitted.evidences, contact, other, settings)
-    pushed = now.fitted.with_change(push)
-    problem = pushed.problem()
-    trial = fitted_again(problem, other.trial.members, settings)
-    elsewhere = unseen_by(now.regressor, problem, trial)
-    if elsewhere is not None and misfit_elsewhere(
-        push, problem, trial.members, elsewhere.library(), elsewhere.torque, settings
-    ):
-        return now
-    before = fitted_again(problem, (), settings)
-    return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial, before=before))
-
-
-def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisSettings) -> Explained:
-    """With a drift from zero that mean and contrasts prove together, but for joints (from 1) that change otherwise."""
-    drift = find_drift_in_mean(now.problem, now.fitted.evidences, now.fitted.changes, now.result, settings)
-    if drift is None or drift.estimate.place.joint in otherwise:
-        return now
-    renewed, fitted = now.fitted.renewal(now.regressor, now.library), now.fitted.with_change(drift)
-    problem = fitted.problem()
-    return replace(now, fitted=fitted, problem=problem, result=search(problem, now.library, renewed, settings))
 
 
 def _found_by_chance(before: Residuals | None, claims: Claims) -> FloatArray:
