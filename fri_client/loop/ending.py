@@ -7,17 +7,18 @@ from fri_client.handover.ring import EventCode
 from fri_client.loop.gate import CommandGate
 from fri_client.loop.journal import Journal
 from fri_client.loop.pilot import Pilot
-from fri_client.loop.result import LoopResult, LoopSettings, Outcome, explain
+from fri_client.loop.result import SIMULATED_SILENCE_S, LoopResult, LoopSettings, Outcome, explain
 from fri_client.loop.stop_watch import ENDED_BY_SOMEBODY
 from fri_client.loop.version_evidence import VersionEvidence
 from fri_client.messages import SessionState
 from fri_client.session.session import Session
+from fri_client.session.session_drop import DropReason
 
 MOST_FAULTS = 1
 """Internal errors that a run survives: with the first the arm ramps down."""
 
 _DRAIN_S = 1.0
-"""After a drop the loop listens on for a confirmed standstill, but not beyond this silence."""
+"""After a drop the loop listens on for a confirmed standstill, but not beyond this silence: see `_drain_s`."""
 
 _IDLE = int(SessionState.IDLE)
 _WAITING, _DONE = int(MotionPhase.WAITING), int(MotionPhase.DONE)
@@ -67,8 +68,16 @@ class Ending:
                 return "completed"
             return "fault" if faults else "stopped"
         standstill = motion.standstill
-        quiet = now - max(self._session.last_fresh_ns, self._gate.last_send_ns) > _DRAIN_S * 1e9
+        quiet = now - max(self._session.last_fresh_ns, self._gate.last_send_ns) > self._drain_s() * 1e9
         return "dropped" if standstill.confirmed or standstill.gave_up or quiet else None
+
+    def _drain_s(self) -> float:
+        """A robot in simulated time waits for an answer that does not come after a drop, and only then sends the next
+        message; one that has closed the session or fallen silent is not expected to.
+        """
+        session, drop = self._session, self._session.drop
+        gone = session.state == _IDLE or (drop is not None and drop.reason is DropReason.SILENCE)
+        return SIMULATED_SILENCE_S if session.clock.simulated and not gone else _DRAIN_S
 
     def _monitored(self, now: int, *, unusable: bool) -> Outcome | None:
         """How a run that only records ends by itself: the robot ended a session in which it was answered, or fell

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRecord, HandoverRing
 from fri_client.loop.channel import UdpChannel
 from fri_client.loop.loop import FriLoop
@@ -150,6 +151,8 @@ class Robot:
                 except TimeoutError:
                     if not alive:
                         return False
+                    if client.ring.status.phase == MotionPhase.LATCHED:
+                        self.send(IDLE)  # a robot that is answered no more ends the session
                 else:
                     return True
         finally:

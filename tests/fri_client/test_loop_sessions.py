@@ -195,6 +195,24 @@ def test_silence_while_moving_latches_and_the_stop_is_reported_as_not_confirmed(
     assert result.stop_kind is None
 
 
+def test_a_robot_in_simulated_time_that_waits_for_an_answer_after_the_drop_is_waited_for() -> None:
+    clock = SteppedClock()
+    with running(settings=LoopSettings(receive_timeout_s=0.5), clock_ns=clock) as (client, robot):
+        robot.to_active()
+        robot.exchange(ACTIVE, 700)
+        robot.send(ACTIVE, quality=1)  # the session is dropped, and this message gets no answer
+        while client.ring.status.stop_reason == 0:
+            threading.Event().wait(0.001)
+        clock.now_ns += 3_000_000_000  # the wait of the fake robot for an answer (docs/fake-robot.md): 2 s
+        while client.ring.status.time_ns < clock.now_ns:  # a loop that gives up does so in this very pass
+            threading.Event().wait(0.001)
+        for _ in range(1000):  # 1 s of an arm that stands
+            robot.send(READY)
+        result = client.finish()
+    assert (result.outcome, result.reason, result.standstill_confirmed) == ("dropped", "QUALITY", True)
+    assert "NOT confirmed" not in result.sentence
+
+
 def test_a_counter_that_begins_anew_while_the_robot_commands_is_answered_by_a_ramp() -> None:
     with running() as (client, robot):
         robot.to_active()
