@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.compiled_client import compile_client, serve
-from fixtures.fake_robot.link import claim_real_time, sharpen_timers
+from fixtures.fake_robot.link import real_time, sharpen_timers
 from fixtures.fake_robot.wire import COMMAND_IDENTIFIER, Datagrams
 from fri_client.handover.ring import HandoverRing
 from fri_client.loop.answer_ahead import AnswerAhead
@@ -107,15 +107,15 @@ def robot_side(pipe: Connection, version: FriVersion, block_s: float, seed: int)
     """Process: for each address that comes through the pipe, play the script and send the round trips (ns) back."""
     datagrams = script(version, block_s, seed)
     sharpen_timers()
-    claim_real_time(70)
-    _use_cpu(0)
-    gc.disable()
-    pipe.send(len(datagrams[-1]))
-    while (address := pipe.recv()) is not None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as channel:
-            channel.bind(("127.0.0.1", 0))
-            channel.setblocking(False)
-            pipe.send(_play(channel, address, datagrams))
+    with real_time(70):
+        _use_cpu(0)
+        gc.disable()
+        pipe.send(len(datagrams[-1]))
+        while (address := pipe.recv()) is not None:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as channel:
+                channel.bind(("127.0.0.1", 0))
+                channel.setblocking(False)
+                pipe.send(_play(channel, address, datagrams))
 
 
 def _play(channel: socket.socket, address: tuple[str, int], datagrams: list[bytes]) -> NDArray[np.int64]:
