@@ -62,6 +62,8 @@ def run_case(case: FaultCase, folder: Path) -> FaultResult:
         if case.wire is not None:
             port = stack.enter_context(_bad_wire(case.wire, port))
         robot = _start_robot(case, folder, port) if case.robot is not None else None
+        if robot is not None:
+            stack.callback(robot.kill)
         if robot is not None and ("start_timeout_s" in case.request or _is_about_silence(case)):
             _await_start(robot, folder)  # how long it takes to start is not what the case is about
         transcript, exit_code, left = _run(case, folder, robot)
@@ -223,25 +225,30 @@ def _run(case: FaultCase, folder: Path, robot: subprocess.Popen[bytes] | None) -
     port = int(json.loads((folder / "input.json").read_text())["bind_port"])
     watch = threading.Thread(target=_at_moments, args=(moments, port, process.pid, family, timers, is_over))
     watch.start()
-    with process.stdout as stream:
-        for line in stream:
-            lines.append(line)
-            family.update(_family(process.pid))
-            while steps and re.search(steps[0].when, line):
-                step = steps.pop(0)
-                _inject(step, family, timers)
-                if step.resume_after_robot and robot is not None:
-                    robot.wait(WATCHDOG_S)
-                    _resume([family[target] for target in step.targets])
-    exit_code = process.wait(WATCHDOG_S)
-    for timer in timers:
-        timer.join()
-    others = [each for role, each in family.items() if role != "supervisor"]
-    _, alive = psutil.wait_procs(others, timeout=WATCHDOG_S)
-    is_over.set()
-    watch.join()
-    for each in alive:
-        each.kill()
+    try:
+        with process.stdout as stream:
+            for line in stream:
+                lines.append(line)
+                family.update(_family(process.pid) | _told(line))
+                while steps and re.search(steps[0].when, line):
+                    step = steps.pop(0)
+                    assert family.keys() >= set(step.targets), f"{step.targets}: only {set(family)} were seen"
+                    _inject(step, family, timers)
+                    if step.resume_after_robot and robot is not None:
+                        robot.wait(WATCHDOG_S)
+                        _resume([family[target] for target in step.targets])
+        exit_code = process.wait(WATCHDOG_S)
+        for timer in timers:
+            timer.join()
+        others = [each for role, each in family.items() if role != "supervisor"]
+        _, alive = psutil.wait_procs(others, timeout=WATCHDOG_S)
+    finally:  # a thread that watches on would keep whoever called this from ending
+        is_over.set()
+        watch.join()
+        process.kill()
+        for each in family.values():
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.kill()
     return "".join(lines), exit_code, tuple(role for role, each in family.items() if each in alive)
 
 
@@ -314,6 +321,14 @@ def _family(pid: int) -> dict[str, psutil.Process]:
                     found.setdefault("supervisor", each)  # a child has its words until it is a program of its own
                 found.update({role: each for role, module in MODULES.items() if module in words})
     return found
+
+
+def _told(line: str) -> dict[str, psutil.Process]:
+    """The worker, by the number in its line: the supervisor may end before its children are listed."""
+    told = re.search(r"\[worker\].*\(pid (\d+)\)", line)
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return {} if told is None else {"worker": psutil.Process(int(told[1]))}
+    return {}
 
 
 def _resume(processes: list[psutil.Process]) -> None:
