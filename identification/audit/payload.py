@@ -275,16 +275,18 @@ def _weighted_by_odds(products: Products, weight: FloatArray, width: FloatArray,
 ]:  # fmt: skip
     """The body's parameters (10,) with their covariance, and the ratio of the torques.
 
-    A scale of the torque is taken where the data rather have one: its own likelihood less one (Akaike's). By the odds
-    of the two models the covariance is that of both, and the distance between them; which side's torque reads right
-    nobody knows.
+    The scale's variance is what likelihood asks for beyond chance, ŝ² - σ² or none, so that values go from those
+    without a scale to those with one without a leap (the positive part of James and Stein). The covariance is the mean
+    square about them by the odds of the two models, each by its own likelihood less one (Akaike's): one by what is
+    beyond chance alone is too narrow beside a scale of a few σ. Which side's torque reads right nobody knows.
     """
     own = np.append(np.arange(len(width))[_body_on(n - 1, n)], len(width) - 1)
     without = np.append(width[:-1], 0.0)
     (free, wide), (fixed, narrow) = (_scattered(products, weight, each, own) for each in (width, without))
     scale, std = float(free[-1]), float(np.sqrt(wide[-1, -1]))
     share = 1.0 / (1.0 + float(np.exp(min(1.0 - 0.5 * (scale / std) ** 2, 700.0))))
-    values = (free if share > 0.5 else fixed)[:-1]
+    beyond_chance = 1.0 - (std / max(abs(scale), std)) ** 2
+    values = fixed[:-1] + beyond_chance * (free - fixed)[:-1]
     covariance = np.zeros((INERTIAL, INERTIAL))
     for odds, body, spread in ((share, free[:-1], wide), (1.0 - share, fixed[:-1], narrow)):
         away = body - values
