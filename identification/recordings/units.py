@@ -219,11 +219,30 @@ def _torque(recording: Recording, robot: RobotModel | None) -> tuple[str, str] |
     size = np.sqrt(np.mean(recording.torque**2, axis=0))
     limit = np.where(robot.effort > 0.0, robot.effort, np.inf)
     joint = int(np.argmax(size / limit))
-    if size[joint] <= OVER_EFFORT * limit[joint] or np.any(1e-3 * size > limit):
-        return None
     unit = robot.units[joint]
+    beyond = size[joint] > OVER_EFFORT * limit[joint]
+    if beyond and np.any(1e-3 * size > limit):
+        raise _of_no_unit(recording, joint, f"the joint can bear {limit[joint]:.4g} {unit}", unit)
+    if wrong_torque_unit(1e-3 * float(np.abs(recording.torque).max()), robot, gravity_acts=False):
+        worst = int(np.argmax(np.abs(recording.torque).max(axis=0)))
+        raise _of_no_unit(recording, worst, "no arm of that size bears a thousandth of it", robot.units[worst])
+    if not beyond:
+        return None
     return "mNm", (
         f"joint {joint + 1} has {size[joint]:.4g} {unit} RMS and can bear {limit[joint]:.4g}: tau looks like mNm"
+    )
+
+
+def _of_no_unit(recording: Recording, joint: int, why: str, unit: str) -> RecordingError:
+    """Of torques that are too large also in the smallest unit."""
+    torque = recording.torque[:, joint]
+    row = int(np.argmax(np.abs(torque)))
+    return RecordingError.named(
+        recording.source.path,
+        f"the torque of joint {joint + 1} is {torque[row]:.4g} {unit} at {recording.time[row]:.4g} s, and {why}: rows "
+        "are damaged, or tau is no torque. Leave such rows out, or import it with --unit tau=Nm if that is right",
+        field="tau",
+        joint=joint + 1,
     )
 
 

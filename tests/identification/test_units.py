@@ -30,6 +30,11 @@ AXIS = """<robot name="gantry"><link name="base"/><link name="x"/><link name="ar
 <joint name="hinge" type="revolute"><parent link="x"/><child link="arm"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>
  <limit lower="-3" upper="3" velocity="2" effort="100"/></joint></robot>"""
 
+ARM = """<robot name="arm"><link name="base"/><link name="upper"/><link name="lower"/>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.5 0 0"/>
+ <axis xyz="0 1 0"/></joint></robot>"""
+
 
 def read(folder: Path, *, robot: Any = "iiwa14", **changes: Any) -> Recording:
     np.savez(folder / "a.npz", **{"t": TIME, "q": POSITION, "tau": TORQUE, **changes})
@@ -114,6 +119,22 @@ def test_a_torque_that_was_not_measured_is_not_fitted(tmp_path: Path) -> None:
 
 def test_millinewtonmetres_are_refused(tmp_path: Path) -> None:
     assert "--unit tau=mNm" in refusal(tmp_path, tau=1e3 * TORQUE)
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(900, 940)])
+def test_torques_that_no_unit_explains_are_refused(tmp_path: Path, rows: slice) -> None:
+    """`diagnose` said "no mismatch above 3.1e+08 Nm", exit code 0, of 40 rows at 1e10; a row alone is left out."""
+    absurd = TORQUE.copy()
+    absurd[rows, 1] *= 1e9
+    assert "the torque of joint 2 is" in (said := refusal(tmp_path, tau=absurd))
+    assert "the joint can bear 320 Nm" in said
+    (tmp_path / "arm.urdf").write_text(ARM)
+    planar = {"robot": tmp_path / "arm.urdf", "q": POSITION[:, :2]}
+    assert "no arm of that size bears a thousandth" in refusal(tmp_path, **planar, tau=absurd[:, :2])
+    assert read(tmp_path, tau=absurd, tau_unit="Nm").samples == ROWS
+    lone = TORQUE.copy()
+    lone[900, 1] = 1e10
+    assert read(tmp_path, tau=lone).samples == ROWS - 1
 
 
 def test_stated_units_are_turned_to_si(tmp_path: Path) -> None:
