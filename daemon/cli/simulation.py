@@ -130,6 +130,7 @@ def simulate(
     from identification.export.parameters import parameters_of, refuse_unmovable
     from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
+    from identification.robots.model import refuse_followers
     from identification.simulation import SimulationSettings, controller_named, motor_inertia_of
 
     _check_suffix(figure, "--figure", _FIGURE_SUFFIXES)
@@ -138,6 +139,7 @@ def simulate(
         law = controller_named(controller, bandwidth_hz=bandwidth, stiffness=stiffness)
     model = read_model(model_file)
     robot, chosen = model.load_robot(), parameters_of(model, parameters)
+    refuse_followers(robot, "simulate")  # no motion helps, so before one is asked for
     refuse_unmovable(chosen, file=str(model_file))
     motors, sentence = motor_inertia_of(robot, chosen)
     message(sentence)

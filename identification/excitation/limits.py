@@ -17,6 +17,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.errors import DesignError
 from identification.json_values import json_list
+from identification.robots.model import refuse_followers
 
 if TYPE_CHECKING:
     from identification.robots import RobotModel
@@ -128,8 +129,10 @@ def iiwa_limits(robot: str) -> ExcitationLimits:
 def limits_of_robot(robot: RobotModel) -> ExcitationLimits:
     """The table for an iiwa by name, else the URDF's positions, velocities and efforts (acceleration unlimited).
 
-    Raises DesignError naming the first joint whose URDF states no usable limit.
+    Raises DesignError naming the first joint whose URDF states no usable limit, RobotError where joints follow others:
+    no limit helps there.
     """
+    refuse_followers(robot, "design a motion of")
     if robot.name in ("iiwa14", "iiwa7"):
         return iiwa_limits(robot.name)
     return ExcitationLimits(

@@ -6,6 +6,7 @@ its joints, so its torque is Σ multiplier · torque (virtual work).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+from daemon.cli import main
 from identification.base_parameters import BaseRegressor
 from identification.errors import RobotError
+from identification.excitation.limits import limits_of_robot
 from identification.export.write import export_model
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import read_model, write_model
@@ -188,13 +191,21 @@ def test_a_repeated_motion_of_joints_that_follow_is_fitted_too(tmp_path: Path) -
     assert np.isnan(np.delete(row.rms_nm, driven)).all()
 
 
-def test_what_cannot_follow_says_so_in_a_sentence(fitted: tuple[Path, dict[str, FitResult]]) -> None:
+def test_what_cannot_follow_says_so_in_a_sentence(
+    fitted: tuple[Path, dict[str, FitResult]], capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, results = fitted
     model = read_model(write_model(results["arm"].to_model_json(), folder / "refused.json"))
     with pytest.raises(RobotError, match=r"'thumb' follows 'finger', which moves.*--lock finger=0"):
         export_model(model, folder / "out.urdf", "urdf")
     with pytest.raises(RobotError, match="cannot diagnose"):
         diagnose(results["arm"].recordings, results["arm"].robot)
+    endless = replace(results["arm"].robot, position_upper=np.full(results["arm"].robot.n, np.inf))
+    with pytest.raises(RobotError, match="cannot design"):  # it asked for limits, with which it refused
+        limits_of_robot(endless)
+    with pytest.raises(SystemExit):
+        main(["simulate", str(folder / "refused.json")])
+    assert "cannot simulate" in capsys.readouterr().err  # it asked for a motion, which cannot be designed
 
 
 def test_rules_in_a_circle_are_refused(tmp_path: Path) -> None:
