@@ -123,6 +123,7 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
     known = all(block.signals.row_noise is not None for block in blocks)
     of_periods = all(block.signals.row_time is None for block in blocks)
     offsets_are_open = of_periods and asked["offset"] is None
+    rotors_are_open = asked["rotor_inertia"] is None
     if None in asked.values():
         chosen = regressor.options
         if offsets_are_open:
@@ -147,6 +148,8 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
             left_out.append((wide, float(width.gain.sum())))
     if offsets_are_open and not regressor.options.offset:
         left_out.append((replace(regressor.options, offset=True), None))
+    if known and rotors_are_open and not regressor.options.rotor_inertia:
+        left_out.append((replace(regressor.options, rotor_inertia=True), None))
     return NominalModel(regressor, blocks, facts, tuple(left_out), largest)
 
 
@@ -161,7 +164,7 @@ def estimate_nominal(model: NominalModel, processed: list[Processed], settings: 
             other = estimate_with(blocks, regressor, processed, settings)[1].least_squares
         except UndeterminedParametersError:
             continue
-        rivals.append(Rival(other, _gain_of_offsets(other) if gain is None else gain - 1.0))
+        rivals.append(Rival(other, _gain_of_more(other, estimate.least_squares) if gain is None else gain - 1.0))
     return estimator, replace(estimate, least_squares=with_choice(estimate.least_squares, rivals))
 
 
@@ -202,10 +205,10 @@ def estimate_with(
     return estimator, estimate_parameters(blocks, regressor.names, estimator)
 
 
-def _gain_of_offsets(estimate: LeastSquaresResult) -> float:
-    """Log-likelihood that the offsets of an estimate gain by their own covariance, less one for each."""
-    own = [index for index, name in enumerate(estimate.names) if name.startswith("OFF_")]
-    values, covariance = estimate.values[own], estimate.covariance[np.ix_(own, own)]
+def _gain_of_more(larger: LeastSquaresResult, chosen: LeastSquaresResult) -> float:
+    """Log-likelihood that what a larger model has more gains by its own covariance, less one for each parameter."""
+    own = [index for index, name in enumerate(larger.names) if name not in chosen.names]
+    values, covariance = larger.values[own], larger.covariance[np.ix_(own, own)]
     return 0.5 * float(values @ np.linalg.solve(covariance, values)) - len(own)
 
 
