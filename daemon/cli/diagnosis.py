@@ -123,7 +123,8 @@ def diagnose(
         )
     written = None
     if write_model is not None and model is not None and result.diagnosis.audit is not None:
-        written = write_model_back(recordings, inputs.robot, model, result.diagnosis.audit.differences, write_model)
+        found, reading = result.diagnosis.audit.differences, result.diagnosis.reading
+        written = write_model_back(recordings, inputs.robot, model, found, write_model, reading)
     if told_in_words(result.diagnosis.to_json(), json_file):
         show_diagnosis(result.diagnosis)
         if written is not None:

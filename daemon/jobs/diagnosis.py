@@ -13,6 +13,7 @@ from pathlib import Path
 from daemon.folders import make_folder
 from daemon.json_files import write_bytes_atomically
 from identification.audit.difference import Difference
+from identification.audit.reading import Reading
 from identification.errors import RecordingError
 from identification.export.write_back import draw_before_after, write_back
 from identification.mismatch.diagnosis import diagnose
@@ -80,7 +81,7 @@ def diagnose_recordings(
     links = [(f"../{fit_page.name}", "The fit of this run")] if fit_page.is_file() else []
     write_report(
         report_file, diagnosis=diagnosis, set_up=_set_up(recordings, robot, diagnosis), model=model,
-        recordings=recordings, heldout=heldout, robot=there, links=links,
+        recordings=diagnosis.as_read(recordings, robot), heldout=heldout, robot=there, links=links,
     )  # fmt: skip
     return DiagnosisFiles(diagnosis, (result_file, model_file, report_file))
 
@@ -94,14 +95,19 @@ class ModelFiles:
 
 
 def write_model_back(
-    recordings: Sequence[Recording], robot: RobotModel, source: Path, differences: Sequence[Difference], target: Path
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    source: Path,
+    differences: Sequence[Difference],
+    target: Path,
+    reading: Reading | None = None,
 ) -> ModelFiles:
     """Write the differences into a simulator's file, and beside it the torque before and after as a picture.
 
-    Raises the errors of `identification.export.amend`, and OSError.
+    reading: how the recordings are to be read. Raises the errors of `identification.export.amend`, and OSError.
     """
     make_folder(target.parent)
-    written = write_back(recordings, robot, source, differences, target)
+    written = write_back(recordings, robot, source, differences, target, reading)
     picture = target.with_name(f"{target.name}.png")
     draw_before_after(written).savefig(picture, dpi=110)
     return ModelFiles((*written.amended.written, *written.amended.left, written.sentence), (target, picture))
@@ -110,7 +116,7 @@ def write_model_back(
 def _set_up(recordings: Sequence[Recording], robot: RobotModel, diagnosis: Diagnosis) -> tuple[SetUpCheck, ...]:
     """The verdicts for the page; none of recordings that are too short to be asked."""
     try:
-        return set_up_checks(recordings, robot, diagnosis.data_faults)
+        return set_up_checks(recordings, robot, diagnosis.every_fault)
     except RecordingError:
         return ()
 

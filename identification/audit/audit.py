@@ -20,13 +20,13 @@ from identification.audit.exchange import exchanged_positions
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.misread import (
     by_its_velocity,
-    in_degrees,
     misread,
     misread_order,
     of_order,
     order_by_itself,
 )
 from identification.audit.numbers import found_numbers
+from identification.audit.reading import Reading, in_degrees
 from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.audit.search import Audited, search, search_turned
 from identification.audit.sentences import difference_of, turned_signs
@@ -57,13 +57,18 @@ TOO_LITTLE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """stand: (3,) m/s², gravity where the model was made."""
+    """stand: (3,) m/s², gravity where the model was made. reading: how the recordings are read so far."""
 
     model: GivenModel
     stand: FloatArray
     sizes: Sizes
     geometry: Geometry
     set_up: SetUp
+    reading: Reading
+
+    def with_rows(self, rows: Rows, reading: Reading) -> _Given:
+        """The same beside recordings that are read in another way."""
+        return replace(self, geometry=Geometry(self.geometry.robot, rows), reading=reading)
 
 
 def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit:
@@ -74,23 +79,25 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     another arm, EstimationError for a load beyond reason.
     """
     read_otherwise: list[Difference] = []
+    reading = Reading.as_recorded(robot.n)
     degrees = [in_degrees(recording, robot.kinematics.revolute) for recording in recordings]
     if all(recording is not None for recording in degrees):
         recordings = [recording for recording in degrees if recording is not None]
-        every = tuple(range(1, robot.n + 1))
+        every, reading = tuple(range(1, robot.n + 1)), replace(reading, degrees=True)
         read_otherwise.append(misread("wrong_unit", every, 1.0, "The positions are in degrees, read as radians"))
     clock = by_its_velocity(recordings)
     if clock is not None:
         recordings, what = clock
         read_otherwise.append(what)
-    given = _prepared(recordings, robot, model, called)
+        reading = replace(reading, ratio=what.numbers[0].value)
+    given = replace(_prepared(recordings, robot, model, called), reading=reading)
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
     other = misread_order(given.geometry, given.set_up, given.model)
     if other is not None:
         order, what = other
-        instead = replace(given, geometry=Geometry(robot, given.geometry.rows.in_order(order)))
+        instead = given.with_rows(given.geometry.rows.in_order(order), given.reading.in_order(order))
         again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
         # On a base that is turned, a torque can be nearer to what the model expects of another joint.
         if _nats(again, found) >= LEAST_GAIN:
@@ -104,7 +111,9 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     turned = turned_against(given.geometry, given.set_up, given.model) if _differs(found, given) else None
     if turned is not None:
         rows, joint = turned
-        instead = replace(given, geometry=Geometry(robot, rows))
+        sign = np.where(np.arange(robot.n) == joint.joint - 1, -1.0, 1.0)
+        reading = given.reading.turned(sign, sign if joint.with_torque else np.ones(robot.n))
+        instead = given.with_rows(rows, reading)
         again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
         if len(again.steps) <= len(found.steps) and _nats(again, found) >= LEAST_GAIN and _holds(again, given.model):
             read_otherwise.append(misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against))
@@ -123,21 +132,22 @@ def _as_it_shows(
     """
     robot, rows = given.geometry.robot, given.geometry.rows
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
-    readings: list[tuple[Rows, Sequence[Recording], list[Difference]]] = []
+    readings: list[tuple[_Given, Sequence[Recording], list[Difference]]] = []
     if (order := order_by_itself(rows, robot, given.set_up.gravity)) is not None:
         in_order = [replace(each, torque=each.torque[:, order]) for each in recordings]
-        readings.append((rows.in_order(order), in_order, [of_order(order, float("nan"))]))
+        instead = given.with_rows(rows.in_order(order), given.reading.in_order(order))
+        readings.append((instead, in_order, [of_order(order, float("nan"))]))
     if (pair := exchanged_positions(recordings, robot)) is not None:
-        undone = [replace(each, position=each.position[:, pair.order(robot.n)]) for each in recordings]
+        order = pair.order(robot.n)
+        undone = [replace(each, position=each.position[:, order]) for each in recordings]
         what = misread("wrong_joint_order", pair.joints, float("nan"), pair.against)
-        readings.append((pair.undone(rows), undone, [what]))
+        readings.append((given.with_rows(pair.undone(rows), given.reading.with_positions(order)), undone, [what]))
     taken: tuple[Audited, _Given, list[Difference]] = found, given, []
-    for read, as_read, moved in readings or [(rows, recordings, [])]:
+    for instead, as_read, moved in readings or [(given, recordings, [])]:
         each = signs_of(as_read, regressor)
         signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)
         if not moved and np.array_equal(signs, found.signs):
             continue
-        instead = replace(given, geometry=Geometry(robot, read)) if moved else given
         again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
         fewer = _causes(again, moved) < _causes(taken[0], taken[2])
         if _nats(again, taken[0]) >= (0.0 if fewer else LEAST_GAIN):
@@ -196,8 +206,9 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
     else:
         given = given_model(values, regressor, sizes, called or model.name)
     return _Given(
-        given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s)
-    )
+        given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s),
+        Reading.as_recorded(robot.n),
+    )  # fmt: skip
 
 
 def _too_wide(given: _Given) -> bool:
@@ -235,6 +246,9 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
         difference_of(step, each, given.set_up, now.comparison.set_up, model.name, given.geometry.robot)
         for step, each in zip(found.steps, numbers, strict=True)
     ]
+    reading = given.reading.turned(np.ones(len(found.signs)), found.signs)
+    for clock in (item for item in differences if item.effect == "wrong_time_base"):
+        reading = replace(reading, ratio=reading.ratio * clock.numbers[0].value)
     if (found.signs < 0.0).any():
         share = 1.0 - float(np.sum((after / noise.std) ** 2) / np.sum((before / noise.std) ** 2))
         differences.insert(0, turned_signs(found.signs, share, float("nan"), model.name))
@@ -243,7 +257,8 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
     verdict = _verdict(differences, before, after, noise.std, holds)
     unit = given.geometry.robot.torque_unit
     return Audit(model.name, verdict, tuple(differences), tuple(before.tolist()), tuple(after.tolist()),
-                 _sentence(verdict, differences, (before, after, noise.std), unit, model, holds), holds)  # fmt: skip
+                 _sentence(verdict, differences, (before, after, noise.std), unit, model, holds), holds,
+                 reading)  # fmt: skip
 
 
 def _verdict(differences: list[Difference], before: FloatArray, after: FloatArray, noise: FloatArray,

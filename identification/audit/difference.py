@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from identification.audit.reading import Reading
 from identification.json_values import json_list, number
 
 
@@ -86,19 +87,6 @@ class Difference:
             "sentence": self.sentence,
         }
 
-    def to_fault_json(self) -> dict[str, Any]:
-        """The entry of `data_faults` in diagnosis.json, for a difference against the recording."""
-        ratio = next((item for item in self.numbers if item.name == "ratio"), None)
-        return {
-            "fault": self.effect,
-            "recording": "",
-            "joints": list(self.joints),
-            "ratio": None if ratio is None else number(ratio.value),
-            "ratio_std": None if ratio is None else number(ratio.std),
-            "rows": None,
-            "sentence": self.sentence,
-        }
-
     def to_json(self) -> dict[str, Any]:
         """The entry of `differences` in diagnosis.json."""
         first = self.numbers[0] if self.numbers else None
@@ -125,7 +113,8 @@ class Audit:
     """A model against recordings. differences: the fewest that explain it. verdict: "nothing" where the model holds,
     "named", "partly", "unexplained", or "model_too_wide". source: the model's name. rms_before, rms_after: (n,) Nm on
     rows that were not used, with the differences and without. sentence: the answer as a whole. holds: whether the model
-    leaves no more than of its own recordings once the differences are put in.
+    leaves no more than of its own recordings once the differences are put in. reading: how the recordings are to be
+    read, None where that was not asked.
     """
 
     source: str
@@ -135,6 +124,7 @@ class Audit:
     rms_after: tuple[float, ...]
     sentence: str
     holds: bool = False
+    reading: Reading | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The entry `audit` of diagnosis.json."""

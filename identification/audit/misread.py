@@ -7,15 +7,15 @@ the misfit stays. The clock needs no model where a velocity was recorded, nor do
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.difference import Difference, Number, with_interval
 from identification.audit.given import GivenModel, sizes_of, wide_open
+from identification.audit.reading import with_clock
 from identification.audit.rows import Rows
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, clock_by_velocity
 from identification.recordings.recording import Recording
@@ -32,8 +32,6 @@ it goes with; and how much less stays in all. The columns of a joint near the ba
 DECISIVE, LEAST_LEFT = 0.01, 0.1
 """As the last, where it is enough by itself, and of how much in all: an arm of few joints takes much of any torque."""
 ORDER_ROWS, ORDER_NOISE = 600, 0.1
-WIDEST_RAD = 4.0 * np.pi
-"""No joint of an arm turns that far; in degrees nearly every motion does."""
 
 
 def misread(
@@ -41,19 +39,6 @@ def misread(
 ) -> Difference:
     """A difference in how the data were read. explained: share of the misfit that goes, nan where that is not known."""
     return Difference(effect, None, None, numbers, explained, float("nan"), "recording", f"{text}.", joints=joints)
-
-
-def in_degrees(recording: Recording, revolute: BoolArray) -> Recording | None:
-    """The recording with its positions taken for degrees, None where they can be radians."""
-    span = np.abs(recording.position[:, revolute]).max(initial=0.0)
-    if span < WIDEST_RAD:
-        return None
-    changed = {}
-    for name in ("position", "velocity", "command_position", "link_position"):
-        values = getattr(recording, name)
-        if values is not None:
-            changed[name] = np.where(revolute, np.radians(values), values)
-    return replace(recording, **changed)
 
 
 def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], Difference] | None:
@@ -69,10 +54,7 @@ def by_its_velocity(recordings: Sequence[Recording]) -> tuple[list[Recording], D
         return None
     number = Number("ratio", ratio, std, "")
     text = f"The clock is wrong: by the recorded velocity, true rate over stated rate is {with_interval(number)}"
-    corrected = [
-        replace(recording, time=recording.time / ratio, sampling_period_s=recording.sampling_period_s / ratio)
-        for recording in recordings
-    ]
+    corrected = [with_clock(recording, ratio) for recording in recordings]
     return corrected, misread("wrong_time_base", (), float("nan"), text, (number,))
 
 

@@ -18,6 +18,7 @@ from identification.arrays import BoolArray, FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.difference import Difference
 from identification.audit.foretold import foretold, lacking_friction
+from identification.audit.reading import Reading, read_so
 from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.export.amend import Amended, amend
@@ -37,7 +38,7 @@ _MOST_POINTS = 1500
 class WrittenBack:
     """amended: the file. measured, before, after: (R, n) Nm on rows `spacing_s` apart; used: (R, n). units: (n,).
 
-    put_right: whether signs, scales or the delay of the measured torque were.
+    put_right: whether signs, scales or the delay of the measured torque were, or how the data are read.
     """
 
     amended: Amended
@@ -68,16 +69,23 @@ class WrittenBack:
 
 
 def write_back(
-    recordings: Sequence[Recording], robot: RobotModel, source: Path, differences: Sequence[Difference], target: Path
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    source: Path,
+    differences: Sequence[Difference],
+    target: Path,
+    reading: Reading | None = None,
 ) -> WrittenBack:
     """Write a simulator's file with the differences put right, and read both back for their torque.
+
+    reading: how the recordings are to be read; without it their torque's signs are as the differences say.
 
     A file's friction is a guess more often than not: what the rows lack of it after everything else is written too.
     Raises the errors of `amend`.
     """
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True))
-    given = rows_of(recordings)
-    rows = _put_right(given, differences)
+    given = rows_of(read_so(reading, recordings, robot))
+    rows = _put_right(given, [item for item in differences if reading is None or item.effect != "inverted_torque_sign"])
     geometry = Geometry(robot, rows)
     amended = amend(source, differences, robot, target)
     before, after = (read_simulator_model(source, regressor), _values(amended, source, differences, robot, regressor))
@@ -95,7 +103,7 @@ def write_back(
     return WrittenBack(
         amended, source.name, rows.torque, foretold(geometry, regressor, before),
         foretold(geometry, regressor, after, amended.gravity), rows.used, rows.spacing_s, robot.units,
-        rows is not given,
+        rows is not given or (reading is not None and reading.is_other),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from scipy.stats import f as fisher
 from identification.arrays import BoolArray, FloatArray
 from identification.audit import Audit, audit
 from identification.audit.between import model_of_fit
+from identification.audit.reading import Reading, read_so
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError
 from identification.fitting.result import FitResult
@@ -45,7 +46,7 @@ from identification.mismatch.search.extension import extend
 from identification.mismatch.search.trial import Trial
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.set_up import data_faults_of
-from identification.mismatch.set_up_answer import settled, under_their_gravity, with_model
+from identification.mismatch.set_up_answer import settled, under_their_gravity, unseen_as_read, with_model
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
@@ -102,9 +103,11 @@ def diagnose(
     split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)
     audited = None if model is None else _audited(recordings, robot, model)
+    given, reading = recordings, None if audited is None else audited.reading
+    recordings = read_so(reading, recordings, robot)
     stated, (robot, stand) = robot, under_their_gravity(robot, recordings, audited)
     report("nominal model", 0.02)
-    rows = _examined(recordings, heldout, robot, settings, report)
+    rows = _examined(recordings, heldout, robot, settings, report, reading)
     settings = settings_of_fit(settings, rows.fit, heldout)
     regressor = BaseRegressor(robot) if rows.fit is None else rows.fit.regressor
     report("evidence", 0.1)
@@ -139,7 +142,7 @@ def diagnose(
     diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
     if model is not None:
         compared = _compared(model, stated, rows.fitted, now, claims, plain, settings, split)
-        diagnosis = with_model(diagnosis, compared, model, recordings, audited, (robot, stand))
+        diagnosis = with_model(diagnosis, compared, model, given, audited, (robot, stand))
     diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *nominal.notes, *(item.sentence for item in refused)))
     diagnosis = _with_classes(diagnosis, judgement)
     if audited is None:
@@ -156,9 +159,11 @@ def _examined(
     robot: RobotModel,
     settings: DiagnosisSettings,
     report: Progress,
+    reading: Reading | None,
 ) -> Examined:
     """The recordings with the faults of their data found and, where that can be done, put right; fitted after that."""
     fit = nominal_fit(recordings, robot, settings)
+    heldout = unseen_as_read(reading, heldout, robot, fit)
     report("data", 0.05)
     faults = data_faults_of([*recordings, *heldout], robot, BaseRegressor(robot) if fit is None else fit.regressor)
     turned = [upright(*pair) for pair in zip([*recordings, *heldout], faults, strict=True)]

@@ -34,7 +34,7 @@ from identification.validation import torque_left
 def extended_model(
     diagnosis: Diagnosis, recordings: Sequence[Recording], robot: RobotModel, *, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """`model.json` (contract §5) of a diagnosis, as `fit` writes it, with `effects`.
+    """`model.json` (contract §5) of a diagnosis, as `fit` writes it, with `effects`. recordings: as they were given.
 
     Base parameters and their deviations come from the joint fit with the effects; physical and consistent sets and the
     certificate from programs on the torque that the effects leave. Where those programs cannot be solved on these
@@ -54,7 +54,7 @@ def extended_model(
     )
     try:
         remaining = []
-        for recording in recordings:
+        for recording in diagnosis.as_read(recordings, robot):
             faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
             turned, band = upright(recording, faults), settings.low_pass_hz
             remaining.append(_without_findings(turned, diagnosis.findings, regressor, values, band, terms))

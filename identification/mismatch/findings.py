@@ -6,14 +6,15 @@ Here: the shapes and their JSON (contract §6). Not here: arrays for figures (`f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
-from identification.audit.difference import Audit
+from identification.audit.difference import Audit, Difference
+from identification.audit.reading import Reading, read_so
 from identification.json_values import json_list, number, plain
 from identification.mismatch.baseline import ModelComparison
 from identification.mismatch.effects.base import Parameter, Place
@@ -21,6 +22,7 @@ from identification.mismatch.figures import Curve, Spectrum, TimeSeries
 from identification.mismatch.second_encoder import EncoderDifference
 from identification.mismatch.unknown.claims import ClassClaim, ClassModel, Offer
 from identification.model_file import MODEL_FORMAT
+from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 
 DIAGNOSIS_FORMAT = "iiwa-ident/diagnosis/1"
@@ -110,6 +112,13 @@ class DataFault:
     ratio_std: float | None = None
     rows: tuple[int, int, int] | None = None
     recording: str = ""
+
+    @classmethod
+    def of(cls, difference: Difference) -> DataFault:
+        """A difference against the recording."""
+        ratio = next((item for item in difference.numbers if item.name == "ratio"), None)
+        value, std = (None, None) if ratio is None else (ratio.value, ratio.std)
+        return cls(difference.effect, difference.joints, difference.sentence, value, std)
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +239,8 @@ class Diagnosis:
     encoder, where there are two. torque_units: of each joint, where one is prismatic ("Nm", "N"); empty: all Nm.
     classes: what joints' torques depend on where no name is needed; class_model: what
     they are worth together; offer: what of them goes into the extended model. gravity: (3,) m/s² in the frame of the
-    base that all this is under, where the recordings show another than is stated; else empty.
+    base that all this is under, where the recordings show another than is stated; else empty. reading: how recordings
+    were read for all this, where a given model shows that their data are not as stated; else None.
     """
 
     robot: str
@@ -260,10 +270,24 @@ class Diagnosis:
     offer: Offer | None = None
     too_weak: tuple[Alternative, ...] = ()
     gravity: tuple[float, ...] = ()
+    reading: Reading | None = None
+
+    def as_read(self, recordings: Sequence[Recording], robot: RobotModel) -> list[Recording]:
+        """The recordings as this was made of them."""
+        return read_so(self.reading, recordings, robot)
 
     def standing(self, robot: RobotModel) -> RobotModel:
         """The robot under the gravity that this was made under."""
         return replace(robot, gravity=np.array(self.gravity)) if self.gravity else robot
+
+    @property
+    def every_fault(self) -> tuple[DataFault, ...]:
+        """Of the data, with those that an audit found: these are put right before the data are asked for others."""
+        # An audit asks for the order of torques, the faults of the data for that of velocities.
+        known = {fault.fault for fault in self.data_faults} - {"wrong_joint_order"}
+        differences = () if self.audit is None else self.audit.differences
+        seen = [item for item in differences if item.against == "recording" and item.effect not in known]
+        return (*self.data_faults, *map(DataFault.of, seen))
 
     @property
     def unnamed(self) -> tuple[ClassClaim, ...]:
@@ -276,9 +300,6 @@ class Diagnosis:
         What has no `to_json` of its own goes in by the names of its fields.
         """
         differences = () if self.audit is None else self.audit.differences
-        # An audit asks for the order of torques, the faults of the data for that of velocities.
-        known = {fault.fault for fault in self.data_faults} - {"wrong_joint_order"}
-        seen = [item for item in differences if item.against == "recording" and item.effect not in known]
         return {
             "format": DIAGNOSIS_FORMAT,
             "verdict": self.verdict,
@@ -289,7 +310,7 @@ class Diagnosis:
                 *(item.to_finding_json() for item in differences if item.against == "model"),
                 *(finding.to_json() for finding in self.findings),
             ],
-            "data_faults": [*plain(self.data_faults), *(item.to_fault_json() for item in seen)],
+            "data_faults": plain(self.every_fault),
             "too_weak": plain(self.too_weak),
             "not_identifiable_here": [item.to_json() for item in self.not_identifiable],
             "minimum_detectable": [item.to_json() for item in self.minimum_detectable],

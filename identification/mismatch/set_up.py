@@ -15,9 +15,10 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.audit.comparison import LEAST_SIGMAS
-from identification.audit.misread import in_degrees, of_order, order_by_itself
+from identification.audit.misread import of_order, order_by_itself
 from identification.audit.mount import Mounting, excerpt, mounting_of
 from identification.audit.partly import notes_on_changes
+from identification.audit.reading import in_degrees
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import misplaced_joints
 from identification.base_parameters import BaseRegressor, RegressorOptions

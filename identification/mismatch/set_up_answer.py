@@ -1,4 +1,5 @@
-"""What the audit of the set-up means for the rest of a diagnosis: the gravity it is made under, and its verdict. Pure.
+"""What the audit of the set-up means for the rest of a diagnosis: the gravity it is made under, how its recordings are
+read, and its verdict. Pure.
 
 Not here: the audit (`identification.audit`), and what any recording shows of its set-up without a model (`set_up`).
 """
@@ -7,18 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from identification.audit import Audit
 from identification.audit.mount import other_stand
+from identification.audit.reading import Reading, read_so
 from identification.errors import RecordingError
+from identification.fitting.result import FitResult
 from identification.mismatch.baseline import ModelComparison
 from identification.mismatch.findings import Diagnosis
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.validation import validate_model
+
+AS_READ = "What follows is of the recordings with what is wrong in their data, by the set-up, put right."
 
 
 def under_their_gravity(
@@ -27,17 +34,15 @@ def under_their_gravity(
     """The robot as recordings that were compared with a model show it to stand, and a sentence where that is not as
     stated: free parameters fitted under the wrong gravity leave much, which is neither noise nor missing physics.
 
-    What a recording shows without a model goes first: it is the gravity under which free parameters leave least. The
-    audit's stands in for it where a turn is too small for that, or where the data are not as they were read.
+    recordings: as the audit reads them. What these show without a model goes first: it is the gravity under which free
+    parameters leave least. The audit's stands in for it where a turn is too small for that.
     """
     if audited is None:
         return robot, ""
-    found = None
-    if all(item.against == "model" for item in audited.differences):
-        try:
-            found = other_stand(recordings, robot)
-        except RecordingError:  # joints that are exchanged or turned look like another stand
-            found = None
+    try:
+        found = other_stand(recordings, robot)
+    except RecordingError:  # joints that are exchanged or turned look like another stand
+        found = None
     if found is not None:
         return replace(robot, gravity=found[1].gravity), found[1].taken
     turn = next((item for item in audited.differences if item.effect == "base_tilt"), None)
@@ -66,8 +71,28 @@ def with_model(
     compared = replace(compared, set_up=audited.sentence if audited is not None and audited.settles else stand)
     if stand:
         diagnosis = replace(diagnosis, gravity=tuple(robot.gravity.tolist()), notes=(stand, *diagnosis.notes))
-    notes = (compared.sentence, *diagnosis.notes)
-    return _answered(replace(diagnosis, model_comparison=compared, notes=notes, audit=audited))
+    reading = None if audited is None or audited.reading is None or not audited.reading.is_other else audited.reading
+    notes = (*(() if reading is None else (AS_READ,)), compared.sentence, *diagnosis.notes)
+    return _answered(replace(diagnosis, model_comparison=compared, notes=notes, audit=audited, reading=reading))
+
+
+def unseen_as_read(
+    reading: Reading | None, heldout: Sequence[Recording], robot: RobotModel, fit: FitResult | None
+) -> Sequence[Recording]:
+    """Held-out recordings read as the fitted ones are; as it stands each of which their fit leaves less so.
+
+    It may be of another day, and none was asked beside the model.
+    """
+    if reading is None or not reading.is_other:
+        return heldout
+    read = read_so(reading, heldout, robot)
+    return read if fit is None else [min(pair, key=partial(_misfit, fit)) for pair in zip(read, heldout, strict=True)]
+
+
+def _misfit(fit: FitResult, recording: Recording) -> float:
+    """What a fit leaves of another recording over what it leaves of its own, all joints together."""
+    left, own = (table.rows[0].rms_nm for table in (validate_model(fit, [recording]), fit.rms))
+    return float(np.sum((left / np.maximum(own, 1e-300)) ** 2))
 
 
 def settled(diagnosis: Diagnosis) -> Diagnosis:

@@ -69,7 +69,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 def tone_of(diagnosis: Diagnosis) -> Tone:
     """How the verdict is coloured: what is faulty or unexplained wants attention."""
-    if diagnosis.data_faults or diagnosis.verdict in ("unexplained", "partly_explained"):
+    if diagnosis.every_fault or diagnosis.verdict in ("unexplained", "partly_explained"):
         return "attention"
     return "good" if diagnosis.verdict == "no_mismatch" and diagnosis.baseline.noise_is_measured else "neutral"
 

@@ -225,7 +225,7 @@ def test_a_batch_states_no_noise_that_was_not_measured(
     logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     baseline = SimpleNamespace(rms_nm=np.ones(7), noise_floor_nm=np.full(7, 0.1), noise_is_measured=False)
-    found = SimpleNamespace(verdict="undecided", findings=(), data_faults=(), baseline=baseline)
+    found = SimpleNamespace(verdict="undecided", findings=(), data_faults=(), every_fault=(), baseline=baseline)
     monkeypatch.setattr(
         "daemon.jobs.diagnosis.diagnose_recordings", lambda *_: SimpleNamespace(diagnosis=found, files=())
     )

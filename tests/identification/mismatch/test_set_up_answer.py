@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from daemon.cli.diagnosis import set_up_lines, verdict_lines
+from identification.audit import audit
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.diagnosis import diagnose
 from identification.model_file import Model
@@ -63,6 +64,38 @@ def test_a_leaning_arm_is_fitted_under_the_gravity_that_it_felt(
     assert headline.endswith(answer)
     assert [block.caption[:3] for block in section.blocks if isinstance(block, Table)] == ["RMS"]
     assert diagnosis.standing(iiwa14).to_json()["installation"]["gravity_m_s2"] == list(diagnosis.gravity)
+
+
+def test_the_rest_is_asked_of_the_recording_as_the_model_shows_that_it_is_to_be_read(
+    iiwa14: RobotModel, table3: PhysicalParameters, level: Model
+) -> None:
+    """Exchanged torques got two wrong signs besides, and a table and a model.json with 31 Nm on joint 4."""
+    sound, unseen = (record(iiwa14, table3, periods=1, motion=motion) for motion in (3, 4))
+    exchanged = replace(sound, torque=sound.torque[:, [0, 3, 2, 1, 4, 5, 6]])
+    known = replace(level, data={"rms_nm": {"fit": 7 * [NOISE_NM]}})
+    # The held-out one is of a day on which the columns were right.
+    diagnosis = diagnose([exchanged], iiwa14, heldout=[unseen], model=known)
+    (said,) = set_up_lines(diagnosis)
+    assert "that of joint 2 stands under joint 4, that of joint 4 stands under joint 2" in said
+    assert not diagnosis.data_faults
+    assert [fault["fault"] for fault in diagnosis.to_json()["data_faults"]] == ["wrong_joint_order"]
+    assert diagnosis.heldout is not None
+    for left in (diagnosis.baseline.rms_nm, diagnosis.heldout.rms_before_nm):
+        assert left.max() < 1.05 * NOISE_NM
+    (read,) = diagnosis.as_read([exchanged], iiwa14)
+    np.testing.assert_array_equal(read.torque, sound.torque)
+
+
+def test_a_clock_that_the_model_tells_is_read_right(
+    iiwa14: RobotModel, table3: PhysicalParameters, level: Model
+) -> None:
+    sound = record(iiwa14, table3, periods=2)
+    slow = replace(sound, time=1.25 * sound.time, sampling_period_s=1.25 * sound.sampling_period_s, period_s=12.5)
+    reading = audit([slow], iiwa14, level).reading
+    assert reading is not None
+    read = reading.of(slow, iiwa14.kinematics.revolute)
+    np.testing.assert_allclose(read.time, sound.time, rtol=1e-3)
+    assert (read.period_s, read.sampling_period_s) == pytest.approx((10.0, sound.sampling_period_s), rel=1e-3)
 
 
 def test_a_lean_too_small_for_the_recording_alone_is_taken_as_the_model_tells_it(
