@@ -115,7 +115,11 @@ class ModelComparison:
         return in_units(f"{parts}Wrong parameters, beyond what the fit leaves open: {links}.", self.torque_units)
 
     def to_json(self) -> dict[str, Any]:
-        """The entry `model_comparison` of diagnosis.json."""
+        """The entry `model_comparison` of diagnosis.json; `wrong` is null where the set-up is the answer."""
+
+        def wrong(item: ParameterDeviation | LinkDeviation) -> bool | None:
+            return None if self.set_up else item.wrong
+
         return {
             "source": self.source,
             "sentence": self.sentence,
@@ -126,9 +130,9 @@ class ModelComparison:
                 "refitted": json_list(self.missing_nm),
                 "with_findings": json_list(self.findings_nm),
             },
-            "links": [{**plain(item), "wrong": item.wrong} for item in self.links],
+            "links": [{**plain(item), "wrong": wrong(item)} for item in self.links],
             "parameters": [
-                {**plain(item), "sigmas": number(item.sigmas), "wrong": item.wrong} for item in self.parameters
+                {**plain(item), "sigmas": number(item.sigmas), "wrong": wrong(item)} for item in self.parameters
             ],
         }
 

@@ -255,8 +255,12 @@ def test_a_given_model_is_judged_first_link_by_link() -> None:
     assert table(found["comparison"], "refute") == {"MY_2": ("2", "1.000", "1.400", "0.010", "−40", "kg m")}
     assert table(found["comparison"], "links")["3"] == ("right within σ", "0.0100", "0.60")
     assert table(found["comparison"], "RMS")["left with its parameters put right"] == ("0.200", "0.200", "0.200")
-    # What is named in the set-up moves links and parameters: the terminal calls none wrong then, nor does the page.
-    found = sections_of(diagnosis(model_comparison=replace(comparison, set_up="A load of 2 kg.")))
+    assert [item["wrong"] for item in comparison.to_json()["links"]] == [True, False]
+    # What is named in the set-up moves links and parameters: nobody calls any wrong then.
+    settled = replace(comparison, set_up="A load of 2 kg.")
+    for key in ("links", "parameters"):
+        assert {item["wrong"] for item in settled.to_json()[key]} == {None}
+    found = sections_of(diagnosis(model_comparison=settled))
     captions = [block.caption for block in found["comparison"].blocks if isinstance(block, Table)]
     assert captions == ["RMS of measured minus modelled torque by joint, Nm"]
 
