@@ -10,6 +10,7 @@ import numpy as np
 
 from identification.audit.audit import audit
 from identification.audit.difference import Audit
+from identification.audit.reading import read_so
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.fitting.result import FitResult
 from identification.fitting.settings import FitSettings
@@ -86,7 +87,10 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel, calle
     off the recording first: parameters are compared that explain the same torque.
     """
     (recording,) = left_to_parameters(model, [recording], robot)
-    fit = fitted_to(recording, robot, model.options)
+    found = audit([recording], robot, model, called)
+    # Of exchanged torques, or under another clock, parameters are of no arm.
+    (read,) = read_so(found.reading, [recording], robot)
+    fit = fitted_to(read, robot, model.options)
     before = dict(zip(model.names, zip(model.values, _deviations(model, robot), strict=True), strict=True))
     units = dict(zip(fit.names, fit.regressor.units, strict=True))
     parameters = []
@@ -96,7 +100,7 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel, calle
             sigmas = float((after - value) / max(float(np.hypot(std, deviation)), 1e-300))
             parameters.append(ParameterChange(name, float(value), float(after), sigmas, units[name]))
     parameters.sort(key=lambda item: -abs(item.sigmas))
-    return Change(audit([recording], robot, model, called), tuple(parameters))
+    return Change(found, tuple(parameters))
 
 
 def _deviations(model: Model, robot: RobotModel) -> list[float]:
