@@ -24,9 +24,7 @@ LEAST_GAIN = 6.0
 FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
 EXPLAINS, LEAST_EXPLAINED = 1.0, 0.005
-"""Deviations by which what a difference takes away is above nothing, and the share that is not printed as 0 %: without
-a share of its own nothing is said.
-"""
+"""Deviations by which what a difference takes away is above nothing, and the least share: less is printed as 0 %."""
 LEAST_TORQUE = 0.5
 """Of what the best model leaves of a joint: where a difference makes less it does not act."""
 MOST_STEPS = 5
@@ -369,12 +367,14 @@ def _alike(one: Scored, scored: list[Scored]) -> tuple[Hypothesis, ...]:
     item = one.item
     if item.bends:
         return ()
+    # A link that is another and a load on it are one body to the torque: each is held against its like on that link.
+    like = {each.item.effect: each.nats for each in reversed(scored) if item.is_body and each.item.link == item.link}
 
     def near(other: Scored) -> bool:
-        bodies = item.is_body and other.item.is_body
-        return abs(other.nats - one.nats) < max(AS_LIKELY, ALIKE * one.nats if bodies else 0.0)
+        share = ALIKE if item.is_body and other.item.is_body else 0.0
+        rivals = one.nats, like.get(other.item.effect, one.nats)
+        return any(abs(other.nats - nats) < max(AS_LIKELY, share * nats) for nats in rivals)
 
-    # A link that is another and a load on it are one body to the torque.
     links = {each.item.link for each in (one, *filter(near, scored)) if each.item.is_body}
     others = {each.item.place: each.item for each in scored if near(each) or each.item.link in links}
     return tuple(other for place, other in others.items() if place != item.place)

@@ -75,3 +75,11 @@ def test_a_body_that_is_as_likely_comes_with_a_load_on_its_link_whatever_link_wa
     elsewhere = scored("payload", 3, 700.0)
     others = _alike(chosen, [chosen, near, far, elsewhere])
     assert [(other.effect, other.link) for other in others] == [("link_parameters", 5), ("payload", 5)]
+
+
+def test_a_load_that_is_as_likely_as_one_on_the_chosen_link_is_named_with_it() -> None:
+    """0.65 kg in the middle of the flange, beside a drawn file: another body of link 6, or a load on it, was said."""
+    chosen, on_it = scored("link_parameters", 5, 121.0), scored("payload", 5, 100.9)
+    flange, elsewhere = scored("payload", 6, 99.2), scored("payload", 3, 80.0)
+    others = _alike(chosen, [chosen, on_it, flange, elsewhere])
+    assert [(other.effect, other.link) for other in others] == [("payload", 5), ("payload", 6)]
