@@ -129,7 +129,8 @@ class Trend:
 
 
 def date_of(recording: Recording) -> datetime | None:
-    """When a run was made: by its identifier (20261121T103000123Z), or metadata `date` (ISO 8601); else None.
+    """When a run was made: by its identifier (20261121T103000123Z), or metadata `date` (ISO 8601; of a ROS bag its
+    recorder's start); else None.
 
     A date without a zone is taken as UTC.
     """

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from identification.recordings.table import RawTable
 
 MOST_JOINTS = 256
 """Named in one topic; more is no robot, and a table of them could be of any size."""
+_EARLIEST_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
+"""Before any ROS: time that a clock counts from its start, and no date."""
 _QUANTITIES = ("position", "velocity", "effort")
 
 
@@ -112,9 +115,15 @@ def _table(path: Path, topic: Topic, bag: Bag) -> RawTable:
         installation=installation_in(path, bag.metadata),
         named=named,
         topic=topic.name,
-        metadata={**bag.metadata, CLOCK_START: repr(float(stamps[0]) * 1e-9)},
+        metadata={**_begun(topic), **bag.metadata, CLOCK_START: repr(float(stamps[0]) * 1e-9)},
         findings=findings,
     )
+
+
+def _begun(topic: Topic) -> dict[str, str]:
+    """The date of the first message by the recorder's clock; nothing where that counts from zero, as a simulator's."""
+    begun_s = min(time for time, _ in topic.messages) * 1e-9
+    return {"date": datetime.fromtimestamp(begun_s, UTC).isoformat()} if begun_s >= _EARLIEST_S else {}
 
 
 def _layouts(path: Path, topic: Topic) -> tuple[list[_Layout], np.ndarray[Any, np.dtype[np.int64]], int]:

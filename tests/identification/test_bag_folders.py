@@ -6,12 +6,14 @@ Truth: the same messages, packed by rosbags into each form.
 from __future__ import annotations
 
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from identification.audit.trend import date_of
 from identification.errors import RecordingError
 from identification.recordings import read_recording, write_recording
 from identification.recordings.bag import MOST_ENTRIES, bag_files
@@ -54,6 +56,16 @@ def test_every_form_of_a_bag_holds_the_same_rows(
         assert read_recording(folder).source.sha256 == read_recording(file).source.sha256 == file_digest(file)
     (folder / "metadata.yaml").unlink()
     assert_whole(folder)
+
+
+@pytest.mark.parametrize("storage", StoragePlugin)
+def test_the_date_of_a_bag_is_the_recorders_start(tmp_path: Path, storage: StoragePlugin) -> None:
+    """A series of ROS bags had no dates. A simulator's clock, which counts from zero, is none."""
+    begun = datetime(2025, 6, 1, 12, 30, tzinfo=UTC)
+    dated = messages_of(begun.timestamp() + TIME[:200] - TIME[0], NAMES, POSITION[:200], TORQUE[:200], stamped=False)
+    assert date_of(read_recording(write_bag(tmp_path / "a", dated, storage=storage), robot="iiwa14")) == begun
+    simulated = messages_of(TIME[:200], NAMES, POSITION[:200], TORQUE[:200])
+    assert date_of(read_recording(write_bag(tmp_path / "b", simulated, storage=storage), robot="iiwa14")) is None
 
 
 def test_the_files_of_a_split_bag_are_read_in_the_order_of_their_numbers(
