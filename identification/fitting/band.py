@@ -162,6 +162,12 @@ def position_noise(recording: Recording) -> FloatArray:
     return np.asarray(np.median(power[lowest : 2 * lowest], axis=0) / np.log(2.0))
 
 
+def velocity_noise_of(recording: Recording, low_pass_hz: float) -> FloatArray:
+    """(n,) rad/s (m/s), standard deviation of the velocity's noise in a band: `position_noise` differentiated."""
+    highest = motion_cutoff(low_pass_hz, recording.sampling_period_s)
+    return np.asarray(2.0 * np.pi * np.sqrt(position_noise(recording) * highest**3 / 3.0))
+
+
 def _on_a_grid(recording: Recording) -> FloatArray:
     """Positions (N, n) at even times; the longest stretch's alone where gaps hold more time than rows do."""
     time, step, rows = recording.time, recording.sampling_period_s, slice(None)

@@ -14,12 +14,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.base_parameters import BaseRegressor, Widths, direction_of, told_widths, widths_of
 from identification.fitting.blocks import Block, shortest_solution
-from identification.fitting.drives import FOLDS, REQUIRED_GAIN, fold_products, folds_of, held_out_squares
+from identification.fitting.drives import CLEAR, FOLDS, REQUIRED_GAIN, fold_products, folds_of, held_out_squares
 from identification.robots import RobotModel
 
 GRID = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, 2e-1)
@@ -77,11 +76,13 @@ def friction_width(
 
 
 def held_out_friction_width(
-    blocks: Sequence[Block], delay_columns: Sequence[FloatArray], regressor: BaseRegressor
+    blocks: Sequence[Block], delay_columns: Sequence[FloatArray], velocity_noise: FloatArray, regressor: BaseRegressor
 ) -> FrictionWidth:
     """The width that predicts best what was not fitted, and whether most joints are predicted better and none worse.
 
-    blocks, delay_columns: as of `friction_width`, for rows whose noise is not known.
+    blocks, delay_columns: as of `friction_width`, for rows whose noise is not known. velocity_noise: (n,) rad/s (m/s),
+    standard deviation of each joint's: it turns the sign of a slow velocity, which blunts friction on average too, so
+    a width has to be clear of it.
     """
     profile = _HeldOut(blocks, delay_columns, regressor)
     sharp = profile.squares(np.zeros(regressor.robot.n))
@@ -93,7 +94,9 @@ def held_out_friction_width(
     asking = np.count_nonzero(gained > REQUIRED_GAIN)
     others = gained.sum() - gained.max()
     clear = 2 * asking >= len(profile.joints) and others > REQUIRED_GAIN * (len(profile.joints) - 1)
-    return FrictionWidth(velocity, gained, bool(clear and gained.min() >= -REQUIRED_GAIN))
+    widths = np.broadcast_to(velocity, regressor.robot.n)
+    blunter = bool(np.all((widths == 0.0) | (widths > CLEAR * velocity_noise)))
+    return FrictionWidth(velocity, gained, bool(clear and blunter and gained.min() >= -REQUIRED_GAIN))
 
 
 def _likeliest(gain: Gain, regressor: BaseRegressor) -> tuple[Widths, FloatArray]:
@@ -108,6 +111,7 @@ def _likeliest(gain: Gain, regressor: BaseRegressor) -> tuple[Widths, FloatArray
 
 def _likeliest_of(kind: BoolArray, widths: FloatArray, gain: Gain) -> FloatArray:
     """The widths (n,) with that of one kind of joints at its likeliest; unchanged where none gains."""
+    from scipy.optimize import minimize_scalar  # not loaded by who reads the fit of another process
 
     def loss(log_width: float) -> float:
         return -float(gain(np.where(kind, np.exp(log_width), widths)).sum())

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError, UndeterminedParametersError
 from identification.estimators.least_squares import LeastSquaresResult
-from identification.fitting.band import BandChoice, choose_low_pass
+from identification.fitting.band import BandChoice, choose_low_pass, velocity_noise_of
 from identification.fitting.blocks import Block, build_block
 from identification.fitting.choice import Rival, with_choice
 from identification.fitting.delay import SMALL_DELAY_S, earlier, estimate_delay, torque_rate
@@ -137,7 +138,8 @@ def choose_nominal_model(processed: list[Processed], robot: RobotModel, settings
         if chosen != regressor.options:
             regressor = BaseRegressor(robot, chosen)
             blocks = blocks_as(largest[1], largest[0], regressor, processed, settings)
-    if settings.coulomb_velocity is None and (known or not of_periods):
+    without_periods = any(block.signals.pipeline == "aperiodic" for block in blocks)
+    if settings.coulomb_velocity is None and (known or without_periods):
         width = _friction_width(blocks, regressor, processed, settings)
         wide = replace(regressor.options, coulomb_velocity=width.velocity)
         if width.clear:
@@ -232,6 +234,17 @@ def _options(asked: dict[str, bool | None], settings: FitSettings) -> RegressorO
     return RegressorOptions(**wanted, coulomb_velocity=settings.coulomb_velocity or 0.0)
 
 
+def velocity_noise(processed: Sequence[Processed]) -> FloatArray:
+    """(n,) rad/s (m/s), the largest noise of each joint's velocity among recordings without periods."""
+    every = [
+        velocity_noise_of(item.recording, float(stretch.facts["low_pass_hz"]))
+        for item in processed
+        for stretch in item.stretches
+        if "low_pass_hz" in stretch.facts
+    ]
+    return np.asarray(np.max(every, axis=0))
+
+
 def _friction_width(
     blocks: list[Block], regressor: BaseRegressor, processed: list[Processed], settings: FitSettings
 ) -> FrictionWidth:
@@ -248,7 +261,7 @@ def _friction_width(
         if all(block.signals.row_noise is not None for block in blocks):
             width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
         else:
-            width = held_out_friction_width(blocks, delays, regressor)
+            width = held_out_friction_width(blocks, delays, velocity_noise(processed), regressor)
         if not width.clear or turn == DELAYS_TAKEN_OFF:
             break
         late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.mismatch import diagnosis
+from identification.mismatch import diagnosis, explained
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
@@ -53,7 +53,7 @@ def test_a_smooth_error_of_one_joint_alone_is_no_background_of_the_ur10(monkeypa
         found.append(find_dependence(*roles))
         return found[-1]
 
-    monkeypatch.setattr(diagnosis, "find_dependence", kept)
+    monkeypatch.setattr(explained, "find_dependence", kept)
     diagnosis.diagnose([read_recording(recording_file("ur10.npz"))], load_robot(recording_file("ur10_mdh.csv")))
     (only,) = found
     smooth = [
