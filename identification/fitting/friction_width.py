@@ -110,7 +110,10 @@ def _likeliest(gain: Gain, regressor: BaseRegressor) -> tuple[Widths, FloatArray
 
 
 def _likeliest_of(kind: BoolArray, widths: FloatArray, gain: Gain) -> FloatArray:
-    """The widths (n,) with that of one kind of joints at its likeliest; unchanged where none gains."""
+    """The widths (n,) with that of one kind of joints at its likeliest; unchanged where none gains.
+
+    Nor at the largest that is tried: what turns over no sooner is a law of the velocity, not a width.
+    """
     from scipy.optimize import minimize_scalar  # not loaded by who reads the fit of another process
 
     def loss(log_width: float) -> float:
@@ -120,7 +123,8 @@ def _likeliest_of(kind: BoolArray, widths: FloatArray, gain: Gain) -> FloatArray
     best = int(np.argmin([loss(each) for each in logs]))
     bounds = logs[max(best - 1, 0)], logs[min(best + 1, len(GRID) - 1)]
     found = minimize_scalar(loss, bounds=bounds, options={"xatol": RESOLUTION})
-    return np.where(kind, np.exp(found.x), widths) if -found.fun > gain(widths).sum() else widths
+    is_one = -found.fun > gain(widths).sum() and found.x < logs[-1] - 2.0 * RESOLUTION
+    return np.where(kind, np.exp(found.x), widths) if is_one else widths
 
 
 def _coulomb_columns(regressor: BaseRegressor) -> dict[int, int]:
@@ -207,9 +211,7 @@ class _Profile:
     def squares(self, widths: FloatArray) -> FloatArray:
         """(n,) squares of each joint's weighted residual with these widths; 0: sign(q̇)."""
         products = self._products.copy()
-        turning = [
-            block.signals.project(direction_of(block.signals.velocity, widths_of(widths))) for block in self._blocks
-        ]
+        turning = _turning(self._blocks, widths)
         for joint in self.joints:
             shared, own = np.zeros(products.shape[1]), 0.0
             for turned, factors, rows in zip(turning, self._factors, self._rows, strict=True):

@@ -234,7 +234,7 @@ def _options(asked: dict[str, bool | None], settings: FitSettings) -> RegressorO
     return RegressorOptions(**wanted, coulomb_velocity=settings.coulomb_velocity or 0.0)
 
 
-def velocity_noise(processed: Sequence[Processed]) -> FloatArray:
+def _velocity_noise(processed: Sequence[Processed]) -> FloatArray:
     """(n,) rad/s (m/s), the largest noise of each joint's velocity among recordings without periods."""
     every = [
         velocity_noise_of(item.recording, float(stretch.facts["low_pass_hz"]))
@@ -261,7 +261,7 @@ def _friction_width(
         if all(block.signals.row_noise is not None for block in blocks):
             width = friction_width(estimate.blocks, delays, estimate.least_squares.weights, regressor)
         else:
-            width = held_out_friction_width(blocks, delays, velocity_noise(processed), regressor)
+            width = held_out_friction_width(blocks, delays, _velocity_noise(processed), regressor)
         if not width.clear or turn == DELAYS_TAKEN_OFF:
             break
         late = estimate_delay(blocks, values, regressor, "maximum_likelihood").common

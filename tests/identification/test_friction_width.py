@@ -72,7 +72,11 @@ def test_a_width_that_all_joints_share_is_measured_and_nothing_is_called_missing
     assert not [item for item in diagnosis.classes if item.name == "own_velocity"]
 
 
-@pytest.mark.parametrize("widths", [np.zeros(7), np.where(np.arange(7) == 1, 0.03, 0.0)], ids=["sign", "one joint"])
+@pytest.mark.parametrize(
+    "widths",
+    [np.zeros(7), np.where(np.arange(7) == 1, 0.03, 0.0), np.full(7, 0.6)],
+    ids=["sign", "one joint", "a law of the velocity"],
+)
 def test_what_no_joint_or_one_alone_asks_for_is_not_taken(
     tmp_path: Path, iiwa14: RobotModel, table3: PhysicalParameters, widths: FloatArray
 ) -> None:
