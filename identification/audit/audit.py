@@ -27,7 +27,7 @@ from identification.audit.misread import (
 )
 from identification.audit.numbers import found_numbers
 from identification.audit.reading import Reading, in_degrees
-from identification.audit.rows import REPEATED, Rows, rows_of
+from identification.audit.rows import Rows, rows_of
 from identification.audit.search import Audited, search, search_turned
 from identification.audit.sentences import difference_of, turned_signs
 from identification.audit.turned import turned_against
@@ -182,9 +182,17 @@ def _rms(explanation: Explanation) -> FloatArray:
 
 
 def _nats(one: Audited, other: Audited) -> float:
-    """By which what one search leaves is likelier than what another one does, by the noise of the first."""
-    left, instead = (found.now.holding(found.now.steps).reported(alone=True) for found in (one, other))
-    return 0.5 / REPEATED * float(((instead - left) / one.now.noise.std**2).sum())
+    """Log odds of what one search found against what another one did, by the noise of the quieter reading.
+
+    Each beside all that the model leaves open, and whatever day it is: what another friction explains as well is no
+    reason to read a recording otherwise.
+    """
+    noise = min(one.now.noise, other.now.noise, key=lambda each: each.loudness)
+    odds = [
+        replace(found.now, noise=noise).evidence() + sum(step.hypothesis.log_odds for step in found.steps)
+        for found in (one, other)
+    ]
+    return odds[0] - odds[1]
 
 
 def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path) -> Explanation:

@@ -17,7 +17,7 @@ from identification.audit.given import GivenModel, Sizes
 ODDS = {
     "payload": 0.15,
     "payload_elsewhere": 0.05,
-    "link_parameters": 0.1,
+    "link_parameters": 0.01,
     "drawn_link_parameters": 0.4,
     "friction_change": 0.3,
     "torque_offset": 0.1,
@@ -30,7 +30,9 @@ ODDS = {
     "torque_delay": 0.05,
     "wrong_time_base": 0.05,
 }
-"""Prior probability of each kind; one of a kind that every joint may have is shared by the joints."""
+"""Prior probability of each kind; one of a kind that every joint may have is shared by the joints. A link of the arm
+that a model was fitted to is another only where it was repaired; what hangs on it changes far more often.
+"""
 GAIN_WIDTH, DELAY_WIDTH_S, ZERO_WIDTH_RAD, CLOCK_WIDTH = 1.0, 0.02, 0.1, 0.2
 TILT_WIDTH_RAD = 1.0
 LOAD_SHARE = 0.5
