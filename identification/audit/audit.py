@@ -57,18 +57,32 @@ TOO_LITTLE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """stand: (3,) m/s², gravity where the model was made. reading: how the recordings are read so far."""
+    """source: a fit, or base parameters (p,) of a simulator's file. regressor: theirs; it has the gravity where the
+    model was made. reading: how the recordings are read so far.
+    """
 
+    source: Model | FloatArray
+    regressor: BaseRegressor
     model: GivenModel
-    stand: FloatArray
     sizes: Sizes
     geometry: Geometry
     set_up: SetUp
     reading: Reading
 
+    @classmethod
+    def beside(
+        cls, rows: Rows, robot: RobotModel, source: Model | FloatArray, regressor: BaseRegressor, name: str
+    ) -> _Given:
+        """A model beside the rows of recordings as they stand."""
+        sizes = sizes_of(robot, rows)
+        model = given_model(source, regressor, sizes, name)
+        set_up = replace(SetUp.of(robot), delay_s=model.delay_s)
+        return cls(source, regressor, model, sizes, Geometry(robot, rows), set_up, Reading.as_recorded(robot.n))
+
     def with_rows(self, rows: Rows, reading: Reading) -> _Given:
-        """The same beside recordings that are read in another way."""
-        return replace(self, geometry=Geometry(self.geometry.robot, rows), reading=reading)
+        """The same beside recordings that are read in another way: a torque under another joint has another size."""
+        robot, name = self.geometry.robot, self.model.name
+        return replace(_Given.beside(rows, robot, self.source, self.regressor, name), reading=reading)
 
 
 def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit:
@@ -203,20 +217,15 @@ def compared(recordings: Sequence[Recording], robot: RobotModel, model: Model | 
 
 def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> _Given:
     refuse_followers(robot, "compare a model with")
+    source: Model | FloatArray
     if isinstance(model, Path):
-        regressor, values = read_with_drives(model, robot)
+        regressor, source = read_with_drives(model, robot)
+        name = model.name
     else:
-        regressor = model.regressor(robot)
+        regressor, source = model.regressor(robot), model
+        name = Path(model.path or "the model").name
     rows = rows_of(recordings, regressor.options.coulomb_velocity)
-    sizes, geometry = sizes_of(robot, rows), Geometry(robot, rows)
-    if isinstance(model, Model):
-        given = given_model(model, regressor, sizes, called or Path(model.path or "the model").name)
-    else:
-        given = given_model(values, regressor, sizes, called or model.name)
-    return _Given(
-        given, np.asarray(regressor.robot.gravity), sizes, geometry, replace(SetUp.of(robot), delay_s=given.delay_s),
-        Reading.as_recorded(robot.n),
-    )  # fmt: skip
+    return _Given.beside(rows, robot, source, regressor, called or name)
 
 
 def _too_wide(given: _Given) -> bool:
@@ -224,7 +233,7 @@ def _too_wide(given: _Given) -> bool:
     if not given.model.own:
         return False
     used, torque = given.geometry.rows.used, given.geometry.rows.torque
-    for gravity in (given.set_up.gravity, given.stand):
+    for gravity in (given.set_up.gravity, np.asarray(given.regressor.robot.gravity)):
         columns = given.geometry.columns(gravity)
         spread = np.einsum("rja,ab,rjb->rj", columns, given.model.covariance_on(1.0), columns, optimize=True)
         expected = columns @ given.model.values

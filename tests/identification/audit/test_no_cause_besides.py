@@ -47,3 +47,11 @@ def test_friction_that_changed_is_no_other_link(bench: Bench, viscous: float, co
     more = np.zeros_like(recording.torque)
     more[:, 1] = viscous * speed + coulomb * np.tanh(speed / 0.02)
     assert names(bench.asked(replace(recording, torque=recording.torque + more))) == [("friction_change", 2, None)]
+
+
+@pytest.mark.parametrize("pair", [(2, 4), (2, 6), (3, 2)])
+def test_exchanged_torques_leave_nothing_once_they_are_put_right(bench: Bench, pair: tuple[int, int]) -> None:
+    """Offsets differ from day to day by a share of the joint's torque, which was that of the torque as exchanged."""
+    order = np.arange(6)
+    order[[pair[0] - 1, pair[1] - 1]] = order[[pair[1] - 1, pair[0] - 1]]
+    assert names(bench.with_torque(bench.recording.torque[:, order])) == [("wrong_joint_order", None, None)]
