@@ -20,7 +20,7 @@ from identification.report.comparison_section import comparison_section
 from identification.report.diagnosis_sections import verdict_sentence
 from identification.report.document import Table
 from identification.robots import Installation, RobotModel, load_robot
-from tests.identification.mismatch.plant import NOISE_NM, record
+from tests.identification.mismatch.plant import NOISE_NM, on_joint, record
 
 LEAN = np.radians(40.0)
 GRAVITY = (float(9.81 * np.sin(LEAN)), 0.0, float(-9.81 * np.cos(LEAN)))
@@ -84,6 +84,18 @@ def test_the_rest_is_asked_of_the_recording_as_the_model_shows_that_it_is_to_be_
         assert left.max() < 1.05 * NOISE_NM
     (read,) = diagnosis.as_read([exchanged], iiwa14)
     np.testing.assert_array_equal(read.torque, sound.torque)
+
+
+def test_physics_is_named_in_a_recording_whose_columns_are_put_right(
+    iiwa14: RobotModel, table3: PhysicalParameters, level: Model
+) -> None:
+    """Nothing was asked of it, as long as it was fitted as it stands."""
+    sound = record(iiwa14, table3, lambda q, _dq, _torque: on_joint(3, 0.8 * np.sin(9.0 * q[:, 2])), periods=2)
+    exchanged = replace(sound, torque=sound.torque[:, [0, 3, 2, 1, 4, 5, 6]])
+    diagnosis = diagnose([exchanged], iiwa14, model=level)
+    (finding,) = diagnosis.findings
+    assert finding.place.joint == 3
+    assert finding.effect in ("position_dependent_torque", "torque_ripple")
 
 
 def test_a_clock_that_the_model_tells_is_read_right(
