@@ -1,6 +1,6 @@
 """How well `payload` weighs what the fake robot carries: drawn loads of 0.2 to 10 kg, each against what was put on.
 
-Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.payload --seed S [--loads 20] [--motion shipped|payload|FILE.json]
+Run: OPENBLAS_NUM_THREADS=1 python -m benchmarks.payload --seed S [--loads 20] [--motion shipped|FILE.json]
      [--seconds 20] [--json FILE]
 Truth: the load that the fake robot's plant is told of, a point on its flange; friction, noise, resolution and motor are
 the plant's own. Each load has a recording without it of its own, so that errors are drawn anew. Bounds of the issue:
