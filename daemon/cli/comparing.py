@@ -106,6 +106,7 @@ def _changes(
 ) -> None:  # fmt: skip
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
+    from identification.audit.reading import read_so
     from identification.audit.trend import LEAST, trend_of, with_hours
     from identification.errors import RecordingError
     from identification.model_file import no_check, read_model
@@ -129,8 +130,11 @@ def _changes(
         raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")
     if hours is not None and not is_series:
         raise typer.BadParameter(f"--hours belongs to a series: give {LEAST} recordings or more.")
+    series = list(inputs.recordings[:1]) if known is None else []
+    for change, recording in zip(changes, recordings, strict=True):
+        series += read_so(change.audit.reading, [recording], inputs.robot)
     with as_usage(RecordingError):
-        series = inputs.recordings if hours is None else with_hours(inputs.recordings, hours)
+        series = series if hours is None else with_hours(series, hours)
     trend = trend_of(series, inputs.robot) if is_series else None
     page = None
     if trend is not None and out is not None:

@@ -132,6 +132,23 @@ def test_compare_weighs_a_load_far_from_its_link_with_its_inertia(planar: Path) 
     assert sum(change["audit"]["rms_after_nm"]) < 0.1
 
 
+def test_a_series_is_of_recordings_as_they_have_to_be_read(planar: Path) -> None:
+    """Exchanged torques were fitted as they stood, though the same answer says that they are exchanged."""
+    viscous, generator, model = np.array([6.0, 1.5]), np.random.default_rng(5), pinocchio.buildModelFromXML(PLANAR)
+    for number, order in enumerate(([0, 1], [0, 1], [1, 0], [0, 1])):
+        states, data = fourier_motion(2, period_s=20.0, samples=2000, seed=number), model.createData()
+        torque = np.array([pinocchio.rnea(model, data, *state) for state in zip(*states, strict=True)])
+        torque += viscous * states[1] + 0.02 * generator.standard_normal(torque.shape)
+        time = np.arange(2000) * 0.01
+        np.savez(planar / f"{number}.npz", t=time, q=states[0], tau=torque[:, order], robot="arm.urdf")
+    files = [str(planar / f"{number}.npz") for number in range(4)]
+    assert run("compare", *files, "--json", str(planar / "series.json")) == 0
+    result = json.loads((planar / "series.json").read_text())
+    assert [item["effect"] for item in result["changes"][1]["differences"]] == ["wrong_joint_order"]
+    for joint, true in zip(result["trend"]["joints"], viscous, strict=True):
+        assert joint["friction_nm"] == pytest.approx(4 * [true * joint["speed_rad_s"]], rel=0.02)
+
+
 def test_a_load_that_is_too_light_for_its_motion_is_said_with_the_time_that_would_do(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
