@@ -71,8 +71,6 @@ def design(
     --for payload: the joints before the wrist hardly move; drive it once without the tool and once with it.
     Example: iiwa-ident design --objective cond --seed 1 --budget 120 --out excitation.json
     """
-    import numpy as np
-
     from daemon.cli import design_parts as parts
     from identification.errors import DesignError
     from identification.excitation import limits_of_robot
@@ -125,7 +123,7 @@ def design(
     nominal = nominal_parameters(model, prior)
     result = design_excitation(
         model,
-        wrist_limits(limits_used, np.zeros(model.n)) if for_payload else limits_used,
+        wrist_limits(limits_used, limits_used.middle) if for_payload else limits_used,
         settings,
         progress=parts.show_progress,
         clock=time.monotonic,

@@ -151,10 +151,9 @@ def verify(
     torque_of: foreseen torque (S, n) of a motion; with it also `torque`, and `within_limits` counts it.
     """
     q, dq, ddq = trajectory.evaluate(trajectory.sample_times(rate_hz))
-    middle = 0.5 * (limits.position_upper + limits.position_lower)
     half = 0.5 * (limits.position_upper - limits.position_lower)
     step = np.abs(np.diff(q, axis=0, append=q[:1])) * rate_hz
-    position = np.max(np.abs(q - middle), axis=0) / half
+    position = np.max(np.abs(q - limits.middle), axis=0) / half
     velocity = np.maximum(np.max(np.abs(dq), axis=0), np.max(step, axis=0)) / limits.velocity
     acceleration = np.max(np.abs(ddq), axis=0) / limits.acceleration
     coefficients = np.concatenate([trajectory.a, trajectory.b], axis=1)

@@ -184,7 +184,7 @@ def _problem(
     refuse_followers(robot, "design a motion of")
     if limits.joints != robot.n:
         raise DesignError(f"The limits are for {limits.joints} joints, but {robot.name} has {robot.n}.")
-    offset = np.zeros(robot.n) if settings.offset_rad is None else np.array(settings.offset_rad, dtype=np.float64)
+    offset = limits.middle if settings.offset_rad is None else np.array(settings.offset_rad, dtype=np.float64)
     if offset.shape != (robot.n,) or not np.all(np.isfinite(offset)):
         raise DesignError(f"The offset needs one finite number for each of the {robot.n} joints.")
     limits.reach(offset)

@@ -80,13 +80,18 @@ class ExcitationLimits:
         """Number of joints n."""
         return int(self.position_lower.shape[0])
 
+    @property
+    def middle(self) -> FloatArray:
+        """(n,) rad (m) the middle of each joint's position range, about which it can move furthest: zero of an iiwa."""
+        return np.asarray(0.5 * (self.position_lower + self.position_upper))
+
     def reach(self, offset: FloatArray) -> FloatArray:
         """Largest symmetric excursion about `offset` (n,) rad that stays in the position range: q_max of (14)."""
         reach: FloatArray = np.minimum(self.position_upper - offset, offset - self.position_lower)
         if np.any(reach <= 0.0):
             joint = int(np.argmin(reach))
             raise DesignError(
-                f"the offset of joint {joint + 1}, {offset[joint]:g} rad, leaves no room inside its position limits"
+                f"the offset of joint {joint + 1}, {offset[joint]:g}, leaves no room inside its position limits"
             )
         return reach
 

@@ -88,9 +88,10 @@ class DesignSettings:
     (14c-g), corrected; "true" = |q|, |q̇|, |q̈| along the path, and |τ| where a prior of the arm foresees it.
     budget_s: time for search, ranking and verification together (needs a clock); without it all starts run, and the
     result depends on seed and starts alone. samples: of the search, per period; figures are reported at 100 Hz.
-    offset_rad: centre of each joint's motion, zero by default. noise_nm: torque noise of each joint per sample at
-    1 kHz, by which D, A and detectability weigh the rows; None weighs all alike. periods: of the run effects shall
-    show in. hop: what each disturbed motion goes through, polish: what the best ones get at last, within a budget.
+    offset_rad: centre of each joint's motion, by default the middle of its range. noise_nm: torque noise of each joint
+    per sample at 1 kHz, by which D, A and detectability weigh the rows; None weighs all alike. periods: of the run
+    effects shall show in. hop: what each disturbed motion goes through, polish: what the best ones get at last, within
+    a budget.
     """
 
     objective: str = "cond"

@@ -49,15 +49,14 @@ def reference_trajectory(
 
     "excitation": the shipped excitation of `robot` (iiwa14 without one). "sine_series": the best conditioned of
     several random draws when `robot` is given, else the first. "polynomial_10", "polynomial_20": 10 or 20 random
-    intervals, 10 s together. All start at zero. acceptable: judges a candidate (collisions); draws are repeated until
-    it accepts. Raises DesignError for another kind, or if it accepts none.
+    intervals, 10 s together. All start in the middle of the joints' ranges. acceptable: judges a candidate
+    (collisions); draws are repeated until it accepts. Raises DesignError for another kind, or if it accepts none.
     """
     if kind == "excitation":
         return default_trajectory("iiwa14" if robot is None else robot.name)
     if kind not in REFERENCE_KINDS:
         raise DesignError(f"Unknown reference trajectory '{kind}'; known are {', '.join(REFERENCE_KINDS)}.")
-    centre = np.zeros(limits.joints)
-    limits.reach(centre)
+    centre = limits.middle
     name = "" if robot is None else robot.name
     regressor = BaseRegressor(robot) if robot is not None and kind == "sine_series" else None
     # A judge that looks at collisions costs seconds: of each round it sees the best conditioned ones first.
@@ -98,7 +97,7 @@ def _polynomial(
     by_velocity = np.multiply.outer(duration, limits.velocity) / PEAK_STEP_VELOCITY
     by_acceleration = np.multiply.outer(duration**2, limits.acceleration) / PEAK_STEP_ACCELERATION
     reach = _USE * np.minimum(by_velocity, by_acceleration)
-    middle = 0.5 * (limits.position_lower + limits.position_upper)
+    middle = limits.middle
     half = _USE * 0.5 * (limits.position_upper - limits.position_lower)
     waypoints = np.empty((intervals + 1, limits.joints))
     waypoints[0] = waypoints[-1] = start

@@ -23,6 +23,7 @@ from identification.excitation.constraints import PaperConstraints, verify
 from identification.excitation.design import DesignProgress, design_excitation
 from identification.excitation.local_search import Descent, DesignSettings, LocalSearch, Problem, Stage
 from identification.excitation.objective import BaseMatrix
+from identification.excitation.reference import reference_trajectory
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from safety.collision import Workspace
@@ -156,6 +157,22 @@ def test_a_joint_without_limits_is_refused_in_words() -> None:
     with pytest.raises(DesignError, match=r"joint 3 has no position limits.*state lower and upper") as caught:
         replace(limits, position_upper=np.where(np.arange(7) == 2, np.nan, limits.position_upper))
     assert "nan" not in str(caught.value)
+
+
+def test_a_joint_whose_range_has_no_zero_moves_about_its_middle() -> None:
+    """As joint 4 of a Panda, −3.07 to −0.07 rad: every motion was about zero, and such an arm was refused."""
+    limits = replace(
+        limits_of_robot(load_robot("iiwa14")),
+        position_lower=np.array([-2.9, -1.76, -2.9, -3.07, -2.9, -0.02, -2.9]),
+        position_upper=np.array([2.9, 1.76, 2.9, -0.07, 2.9, 3.75, 2.9]),
+    )
+    designed = design_excitation(load_robot("iiwa14"), limits, QUICK).trajectory
+    for motion in (designed, *(reference_trajectory(kind, limits) for kind in ("sine_series", "polynomial_10"))):
+        position = motion.evaluate(np.arange(10_000) / 1000.0)[0]
+        assert np.all(position > limits.position_lower)
+        assert np.all(position < limits.position_upper)
+        np.testing.assert_allclose(position[0, [0, 3, 5]], [0.0, -1.57, 1.865], atol=1e-9)
+        assert np.ptp(position[:, 3]) > 0.8
 
 
 def test_nothing_is_returned_that_the_caller_finds_dangerous() -> None:
