@@ -23,6 +23,7 @@ from identification.fitting.result import FitResult
 from identification.json_values import json_list
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
+from identification.robots.joint_units import in_units
 from identification.robots.model import RobotModel
 
 LEAST = 4
@@ -85,7 +86,7 @@ class JointTrend:
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
     """names: of the recordings by date. dates: where known, else None for all. hours: of operation of the arm, alike.
-    joints: their friction. arms: serial numbers, as far as the logs say.
+    joints: their friction. arms: serial numbers, as far as the logs say. units: of each joint's torque; empty: all Nm.
     """
 
     names: tuple[str, ...]
@@ -93,6 +94,7 @@ class Trend:
     hours: tuple[float, ...] | None
     joints: tuple[JointTrend, ...]
     arms: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -101,7 +103,10 @@ class Trend:
             f"These are recordings of {len(self.arms)} arms (serial numbers {', '.join(self.arms)}): a difference "
             "between two of them is no change of one.",
         )
-        return (*several[: len(self.arms) > 1], *(item.sentence(self.names) for item in self.joints))
+        return (*several[: len(self.arms) > 1], *map(self._sentence, self.joints))
+
+    def _sentence(self, item: JointTrend) -> str:
+        return in_units(item.sentence(self.names), self.units)
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -121,7 +126,7 @@ class Trend:
                                "size_nm": item.change.size, "std_nm": item.change.std},
                     "drift": {"odds": item.change.drift_odds, "size_nm": item.change.drift,
                               "std_nm": item.change.drift_std},
-                    "sentence": item.sentence(self.names),
+                    "sentence": self._sentence(item),
                 }
                 for item in self.joints
             ],
@@ -205,7 +210,7 @@ def trend_of(recordings: Sequence[Recording], robot: RobotModel) -> Trend:
         joints.append(JointTrend(joint, speed, friction, std, heat, change_point(friction, std)))
     arms = {item.source.metadata.get("serial", "") for item in recordings} - {""}
     dated = tuple(known) if len(known) == len(recordings) else None
-    return Trend(tuple(recording_names(recordings)), dated, hours, tuple(joints), tuple(sorted(arms)))
+    return Trend(tuple(recording_names(recordings)), dated, hours, tuple(joints), tuple(sorted(arms)), robot.units)
 
 
 def _hours(recordings: Sequence[Recording]) -> tuple[float, ...] | None:

@@ -10,6 +10,7 @@ from identification.audit.trend import ODDS_SAID, JointTrend, Trend
 from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
+from identification.report.units import in_units_of_joints
 
 _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 _LEAST_SPAN = 2.0
@@ -40,19 +41,20 @@ def trend_document(trend: Trend, robot: str) -> Document:
         (name, *(" ± ".join(with_sigma(item.friction[row], item.std[row])) for item in trend.joints))
         for row, name in enumerate(trend.names)
     )
-    blocks.append(Table("Friction at each joint's usual speed, Nm ± one deviation of the fit", head, rows))
+    blocks.append(Table("Friction at each joint's usual speed ± one deviation of the fit, Nm", head, rows))
     changed = [item for item in trend.joints if item.change.odds >= ODDS_SAID]
     joints = ", ".join(str(item.joint) for item in changed)
     verdict = f"Friction changed at once on joint {joints}." if changed else "No joint's friction changed at once."
     drifting = [item for item in trend.joints if item.change.drift_odds >= ODDS_SAID]
     if drifting:
         verdict += f" It drifts on joint {', '.join(str(item.joint) for item in drifting)}."
-    return Document(
+    document = Document(
         title=f"{len(trend.names)} recordings of {robot}",
         verdict=verdict,
         sections=(Section("trend", "Friction over the series", tuple(blocks)),),
         tone="attention" if changed or drifting else "good",
     )
+    return in_units_of_joints(document, trend.units)
 
 
 def _panel(item: JointTrend, place: np.ndarray, label: str) -> Panel:

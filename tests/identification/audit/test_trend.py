@@ -15,6 +15,7 @@ from identification.audit.trend import (
     SCATTERS,
     STEP_WIDTH,
     JointTrend,
+    Trend,
     change_point,
     date_of,
     hours_of,
@@ -24,7 +25,7 @@ from identification.audit.trend import (
 from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
-from identification.report.document import Figure
+from identification.report.document import Figure, Table
 from identification.report.trend_page import trend_document
 from identification.robots import RobotModel
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
@@ -222,3 +223,19 @@ def test_a_likely_change_is_not_said_to_be_none(step: float, said: str) -> None:
     assert change.odds < 20.0
     assert (change.odds > 1.0) == (step > 0.0)
     assert said in JointTrend(2, 0.41, values, np.full(6, 0.004), np.full(6, np.nan), change).sentence("abcdef")
+
+
+def test_a_sliding_joint_rubs_in_newtons_at_metres_a_second() -> None:
+    values, std = 14.0 + np.array([0.0, 0.0, 0.0, 6.0, 6.0, 6.0]), np.full(6, 0.01)
+    joints = tuple(
+        JointTrend(joint, 0.059, values, std, np.full(6, np.nan), change_point(values, std)) for joint in (1, 2)
+    )
+    trend = Trend(tuple("abcdef"), None, None, joints, units=("Nm", "N"))
+    assert " Nm at 0.059 rad/s before d" in trend.sentences[0]
+    assert " N at 0.059 m/s before d" in trend.sentences[1]
+    assert [item["sentence"] for item in trend.to_json()["joints"]] == list(trend.sentences)
+    (section,) = trend_document(trend, "scara").sections
+    (figure,) = (block for block in section.blocks if isinstance(block, Figure))
+    (table,) = (block for block in section.blocks if isinstance(block, Table))
+    assert [panel.y_label for panel in figure.panels] == ["friction at 0.059 rad/s (Nm)", "friction at 0.059 m/s (N)"]
+    assert table.caption.endswith("Nm (N of prismatic joints)")
