@@ -20,7 +20,8 @@ _LEAST_SPAN = 2.0
 def trend_document(trend: Trend, robot: str) -> Document:
     """The trend as value objects: what changed in words, friction by date, hours, temperature, and as a table."""
     if trend.dates is None:
-        place, label = np.arange(1.0, len(trend.names) + 1.0), "recording, as given"
+        order = "as given" if trend.hours is None else "by hours of operation"
+        place, label = np.arange(1.0, len(trend.names) + 1.0), f"recording, {order}"
     else:
         place = np.array([(date - trend.dates[0]).total_seconds() for date in trend.dates])
         unit, length = next((each for each in _UNITS if place[-1] >= _LEAST_SPAN * each[1]), _UNITS[-1])
@@ -44,7 +45,9 @@ def trend_document(trend: Trend, robot: str) -> Document:
     blocks.append(Table("Friction at each joint's usual speed ± one deviation of the fit, Nm", head, rows))
     changed = [item for item in trend.joints if item.change.odds >= ODDS_SAID]
     joints = ", ".join(str(item.joint) for item in changed)
-    verdict = f"Friction changed at once on joint {joints}." if changed else "No joint's friction changed at once."
+    unsure = any(item.change.odds > 1.0 for item in trend.joints)
+    none = f"No joint's friction changed at once{' for sure' if unsure else ''}."
+    verdict = f"Friction changed at once on joint {joints}." if changed else none
     drifting = [item for item in trend.joints if item.change.drift_odds >= ODDS_SAID]
     if drifting:
         verdict += f" It drifts on joint {', '.join(str(item.joint) for item in drifting)}."

@@ -102,6 +102,9 @@ def test_a_series_without_dates_is_in_the_order_of_its_hours(series: list[Record
     trend = trend_of(undated, iiwa14)
     assert trend.dates is None
     assert trend.names == tuple(f"day{day}.npz" for day in range(1, 6))
+    (figure, *_) = trend_document(trend, "iiwa14").sections[0].blocks[7:]
+    assert isinstance(figure, Figure)
+    assert figure.panels[0].x_label == "recording, by hours of operation"
     one_unsaid = [replace(undated[0], source=replace(undated[0].source, metadata={})), *undated[1:]]
     assert trend_of(one_unsaid, iiwa14).hours is None
     with pytest.raises(RecordingError, match="2 hours of operation are given for 5 recordings"):
@@ -222,7 +225,10 @@ def test_a_likely_change_is_not_said_to_be_none(step: float, said: str) -> None:
     change = change_point(values, np.full(6, 0.004))
     assert change.odds < 20.0
     assert (change.odds > 1.0) == (step > 0.0)
-    assert said in JointTrend(2, 0.41, values, np.full(6, 0.004), np.full(6, np.nan), change).sentence("abcdef")
+    joint = JointTrend(2, 0.41, values, np.full(6, 0.004), np.full(6, np.nan), change)
+    assert said in joint.sentence("abcdef")
+    verdict = trend_document(Trend(tuple("abcdef"), None, None, (joint,)), "arm").verdict
+    assert verdict == f"No joint's friction changed at once{' for sure' if step else ''}."
 
 
 def test_a_sliding_joint_rubs_in_newtons_at_metres_a_second() -> None:
