@@ -5,9 +5,11 @@ Here: one table and two functions. Not here: finding effects, or simulating them
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from identification.arrays import FloatArray
 from identification.export.parameters import ModelParameters
 from identification.model_file import Model
 
@@ -45,15 +47,16 @@ def with_found_rotors(parameters: ModelParameters, model: Model) -> ModelParamet
     return replace(parameters, rotor_inertia=rotor)
 
 
-def effects_note(model: Model) -> EffectsNote:
+def effects_note(model: Model, offset: FloatArray, units: Sequence[str]) -> EffectsNote:
     """Sort the model's effects into those the simulator model holds and those that go into a file beside it.
 
-    A constant torque offset per joint is in `drives`, and no format has a place for it: it is left out as an effect.
+    offset: (n,) constant torque of each joint in the set of parameters that is written, in its unit. No format has a
+    place for it: it is left out as an effect.
     """
     left_out, sentences = [], []
     offsets = [
-        {"effect": "torque_offset", "joint": joint, "parameters": {"offset": {"value": float(value), "unit": "Nm"}}}
-        for joint, value in enumerate(model.offset, start=1)
+        {"effect": "torque_offset", "joint": joint, "parameters": {"offset": {"value": float(value), "unit": unit}}}
+        for joint, (value, unit) in enumerate(zip(offset, units, strict=True), start=1)
         if value != 0.0
     ]
     for effect in [*model.data.get("effects", []), *offsets]:

@@ -113,7 +113,7 @@ def export_model(
             *_notes(form, parameters, robot),
             "Part of the rotor inertia is a data-sheet prior, not identified: joint torques are those of the motors.",
         )
-    effects = effects_note(model)
+    effects = effects_note(model, parameters.offset, robot.units)
     notes = (*notes, *effects.sentences)
     width = model.options.coulomb_velocity
     if model.options.turns_gently:
@@ -143,7 +143,9 @@ def export_model(
             "effects": list(effects.left_out),
         }
         if model.options.turns_gently:
-            content["friction_transition"] = {"velocity": width, "unit": "rad/s", "law": "F_s tanh(q̇/velocity)"}
+            units = ["rad/s" if revolute else "m/s" for revolute in robot.kinematics.revolute]
+            unit = units[0] if len(set(units)) == 1 else units
+            content["friction_transition"] = {"velocity": width, "unit": unit, "law": "F_s tanh(q̇/velocity)"}
         beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     agreements, complaints = check_export(path, form, robot, parameters)
     return ExportResult(path, agreements, (*notes, *complaints), beside, parameters.origins)

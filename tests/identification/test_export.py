@@ -7,7 +7,6 @@ themselves (never through a file); the usual iiwa 14 kinematics as published (da
 from __future__ import annotations
 
 import csv
-import json
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -313,19 +312,6 @@ def test_a_urdf_keeps_its_names_meshes_and_limits_and_gets_full_right_angles(tmp
     assert len(root.find("link[@name='trolley']").findall("inertial")) == 1
     angles = [float(value) for value in root.find("joint[@name='slew']/origin").get("rpy").split()]
     assert angles[0] == pytest.approx(np.pi / 2, abs=1e-15)
-
-
-def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3: PhysicalParameters) -> None:
-    effects = [{"effect": "stribeck_friction", "joint": 1}, {"effect": "payload", "joint": None, "link": 7}]
-    offset = [0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]
-    model = model_of(tmp_path, "iiwa14", consistent(table3), offset=offset, effects=effects)
-    result = export_model(model, tmp_path / "arm.urdf", "urdf", parameter_set="physical")
-    beside = json.loads((tmp_path / "arm.urdf.effects.json").read_text())
-    assert result.effects_path == tmp_path / "arm.urdf.effects.json"
-    assert [(item["effect"], item["joint"]) for item in beside["effects"]] == [
-        ("stribeck_friction", 1), ("torque_offset", 2),
-    ]  # fmt: skip
-    assert "stribeck_friction of joint 1" in (tmp_path / "arm.urdf").read_text()
 
 
 def test_a_rotor_inertia_that_a_diagnosis_found_is_in_the_file(tmp_path: Path, table3: PhysicalParameters) -> None:
