@@ -67,4 +67,11 @@ def effects_note(model: Model, offset: FloatArray, units: Sequence[str]) -> Effe
         else:
             left_out.append(effect)
             sentences.append(f"{name}{where} has no place in a simulator model: apply it as a joint torque.")
+    if terms := (model.data.get("class_terms") or {}).get("terms"):
+        joints = sorted({int(term["joint"]) for term in terms})
+        named = f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"
+        sentences.append(
+            f"The torque without a name on {named} (class_terms) has no place in a simulator model: apply it as a "
+            "joint torque."
+        )
     return EffectsNote(tuple(left_out), tuple(sentences))

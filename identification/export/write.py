@@ -70,7 +70,7 @@ _NO_ROTOR_NOTE = (
 class ExportResult:
     """path: the file written. agreements: what other programs read from it. notes: what the format cannot say.
 
-    effects_path: the file with effects that no simulator model holds, None if there are none. origins: what each
+    effects_path: the file with torque that no simulator model holds, None if there is none. origins: what each
     parameter rests on, None where no prior was used.
     """
 
@@ -135,7 +135,8 @@ def export_model(
     origins = () if parameters.origins is None else parameters.origins.sentences()
     path.write_text(document(root, (source, *notes, *origins)), encoding="utf-8")
     beside = None
-    if effects.left_out or model.options.turns_gently:
+    terms = model.data.get("class_terms")
+    if effects.left_out or terms or model.options.turns_gently:
         beside = path.with_name(path.name + ".effects.json")
         content: dict[str, Any] = {
             "format": "iiwa-ident/effects/1",
@@ -146,6 +147,8 @@ def export_model(
             units = ["rad/s" if revolute else "m/s" for revolute in robot.kinematics.revolute]
             unit = units[0] if len(set(units)) == 1 else units
             content["friction_transition"] = {"velocity": width, "unit": unit, "law": "F_s tanh(q̇/velocity)"}
+        if terms:
+            content["class_terms"] = terms
         beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     agreements, complaints = check_export(path, form, robot, parameters)
     return ExportResult(path, agreements, (*notes, *complaints), beside, parameters.origins)

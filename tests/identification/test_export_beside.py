@@ -61,3 +61,15 @@ def test_the_constant_torque_beside_the_file_is_that_of_the_set_in_the_file(whic
     assert [each["unit"] for each in offsets] == ["Nm", "N"]
     assert beside["friction_transition"]["velocity"] == [0.02, 0.003]
     assert beside["friction_transition"]["unit"] == ["rad/s", "m/s"]
+
+
+def test_torque_without_a_name_goes_into_the_file_beside_and_is_said(
+    tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    """Of a model that a diagnosis wrote it was dropped without a word: 3.4 Nm on one joint of a UR-like arm."""
+    terms = {"terms": [{"class": "own_position", "joint": 3}, {"class": "own_load", "joint": 5}]}
+    model = model_of(tmp_path, "iiwa14", consistent(table3), class_terms=terms)
+    result = export_model(model, tmp_path / "arm.sdf", "sdf", parameter_set="physical")
+    assert result.effects_path is not None
+    assert json.loads(result.effects_path.read_text())["class_terms"] == terms
+    assert "torque without a name on joints 3, 5" in (tmp_path / "arm.sdf").read_text()
