@@ -12,6 +12,7 @@ from identification.audit.difference import Difference, Number, by_so_much, numb
 from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
 from identification.audit.search import Step
+from identification.robots.joint_units import for_prismatic
 from identification.robots.model import RobotModel
 
 _BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z", "XX", "XY", "XZ", "YY", "YZ", "ZZ")
@@ -26,6 +27,8 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
     hypothesis = step.hypothesis
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     joint, link, joints = _from_one(hypothesis.joint), _from_one(hypothesis.link), tuple[int, ...]()
+    slides = joint is not None and not robot.kinematics.revolute[joint - 1]
+    torque = "force" if slides else "torque"
     match hypothesis.effect:
         case "payload":
             numbers, text = _load(found, std, robot, link or 0)
@@ -33,17 +36,17 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             numbers = _body(hypothesis, found.values, std)
             text = f"The body of link {link} is another than {source} says"
         case "friction_change":
-            numbers = _drive(hypothesis, found.values, std)
+            numbers = _drive(hypothesis, found.values, std, slides)
             text = f"The friction of joint {joint} is another, by {by_so_much(numbers)}"
         case "torque_offset":
-            numbers = _drive(hypothesis, found.values, std)
-            text = f"Joint {joint} has a constant torque of {with_interval(numbers[0])} besides"
+            numbers = _drive(hypothesis, found.values, std, slides)
+            text = f"Joint {joint} has a constant {torque} of {with_interval(numbers[0])} besides"
         case "rotor_inertia" if joint is None:
             numbers, joints = _rotors(hypothesis, found.values, std, robot)
             each = ", ".join(with_interval(item) for item in numbers)
             text = f"{source} has no rotor inertias: those of joints {', '.join(map(str, joints))} are {each}"
         case "rotor_inertia":
-            numbers = _drive(hypothesis, found.values, std)
+            numbers = _drive(hypothesis, found.values, std, slides)
             text = f"The rotor inertia of joint {joint} is larger by {with_interval(numbers[0])}"
             if numbers[0].value < 0.0:
                 text = f"The rotor inertia of joint {joint} is smaller: {with_interval(numbers[0])}"
@@ -52,12 +55,12 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
             # From run to run the scales scatter; that of all torques is the mean of the joints'.
             numbers = (Number("gain", gain, float(np.hypot(std[0], found.scale * gain / np.sqrt(alike))), ""),)
             where = "every joint" if joint is None else f"joint {joint}"
-            text = f"The torque of {where} is {with_interval(numbers[0])} of what {source} expects"
+            text = f"The {torque} of {where} is {with_interval(numbers[0])} of what {source} expects"
             if joint is None:
                 text += " (all torques or all masses: the rows cannot tell)"
         case "joint_zero_offset":
             value = last.zeros[(joint or 1) - 1] - first.zeros[(joint or 1) - 1] + float(found.values[0])
-            numbers = (Number("offset", value, float(std[0]), "rad"),)
+            numbers = (Number("offset", value, float(std[0]), "m" if slides else "rad"),)
             text = f"The zero of joint {joint} is off: its true position is {with_interval(numbers[0])} larger"
         case "torque_delay":
             value = last.delay_s - first.delay_s + float(found.values[0])
@@ -138,9 +141,9 @@ def _body(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[
     return numbers_of([_BODY[place] for place in places], values, std, [_BODY_UNITS[place] for place in places])
 
 
-def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray) -> tuple[Number, ...]:
+def _drive(hypothesis: Hypothesis, values: FloatArray, std: FloatArray, slides: bool) -> tuple[Number, ...]:
     names, units = zip(*(_FRICTION[SYMBOLS[int(column) % PARAMETERS]] for column in hypothesis.columns), strict=True)
-    return numbers_of(names, values, std, units)
+    return numbers_of(names, values, std, list(map(for_prismatic, units)) if slides else units)
 
 
 def _rotors(
@@ -149,7 +152,8 @@ def _rotors(
     """Those that are more than their own uncertainty, with their joints."""
     joints = [int(column) // PARAMETERS for column in hypothesis.columns]
     seen = [row for row in range(len(joints)) if abs(values[row]) > 1.96 * std[row]]
-    units = ["kg m^2" if robot.kinematics.revolute[joints[row]] else "kg" for row in seen]
+    unit = _FRICTION["IA"][1]
+    units = [unit if robot.kinematics.revolute[joints[row]] else for_prismatic(unit) for row in seen]
     names = [f"rotor_inertia_{joints[row] + 1}" for row in seen]
     return numbers_of(names, values[seen], std[seen], units), tuple(joints[row] + 1 for row in seen)
 

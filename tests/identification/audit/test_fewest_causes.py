@@ -1,6 +1,6 @@
-"""One torque of a SCARA with the wrong sign, beside its MJCF.
+"""A SCARA beside its MJCF: one torque with the wrong sign, and what is said of its sliding joint.
 
-Truth: the closed form, with rotors, friction and noise.
+Truth: the closed form, with rotors, friction and noise; the units of a force and of what slides.
 """
 
 from __future__ import annotations
@@ -8,8 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from identification.audit import audit
+from identification.audit.columns import SetUp
+from identification.audit.hypotheses import Hypothesis, Layout
+from identification.audit.numbers import Found
+from identification.audit.search import Step
+from identification.audit.sentences import difference_of
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
@@ -54,3 +60,26 @@ def test_one_wrong_sign_is_not_told_as_all_of_them_and_three_other_bodies(tmp_pa
     torque += 0.02 * torque.std(axis=0) * np.random.default_rng(3).standard_normal(torque.shape)
     found = audit([recording_of(q, torque * np.array([1.0, 1.0, 1.0, -1.0]), period_s=20.0)], robot, mjcf)
     assert [(item.effect, item.joints) for item in found.differences] == [("inverted_torque_sign", (4,))]
+
+
+@pytest.mark.parametrize(
+    ("effect", "symbols", "unit", "said"),
+    [
+        ("friction_change", ("FV", "FS"), "N s/m", "by viscous +2.00 ± 0.20 N s/m, coulomb +2.00 ± 0.20 N:"),
+        ("torque_offset", ("OFF",), "N", "Joint 3 has a constant force of 2.00 ± 0.20 N besides:"),
+        ("rotor_inertia", ("IA",), "kg", "The rotor inertia of joint 3 is larger by 2.00 ± 0.20 kg:"),
+        ("joint_zero_offset", ("OFF",), "m", "its true position is 2.00 ± 0.20 m larger:"),
+    ],
+)
+def test_a_sliding_joint_differs_in_its_own_units(
+    effect: str, symbols: tuple[str, ...], unit: str, said: str, tmp_path: Path
+) -> None:
+    """`compare` said Nm s/rad of it, and so did the numbers of `diagnosis.json`."""
+    robot = load_robot(write_arm(tmp_path)[0])
+    columns = np.array([Layout(robot.n).parameter(2, symbol) for symbol in symbols])
+    what = Hypothesis(effect, columns, np.ones(len(columns)), 0.0, joint=2)
+    found = Found(what, np.full(len(columns), 2.0), 0.01 * np.eye(len(columns)), 0.0)
+    stand = SetUp.of(robot)
+    told = difference_of(Step(what, 9.0, 0.8), found, stand, stand, "arm.json", robot)
+    assert told.numbers[0].unit == unit
+    assert said in told.sentence
