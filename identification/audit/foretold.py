@@ -11,6 +11,7 @@ from identification.audit.comparison import LEAST_SIGMAS, PARTS, REPORT
 from identification.audit.difference import Difference, by_so_much, numbers_of
 from identification.audit.given import places_of
 from identification.base_parameters import BaseRegressor
+from identification.robots.joint_units import in_units
 
 LEAST_SHARE = 0.15
 """Of what an offset leaves of a joint's torque, that friction takes away on rows that it was not fitted to."""
@@ -51,7 +52,8 @@ def lacking_friction(
         # A mere offset is no friction, and no simulator's file holds one.
         if share < LEAST_SHARE or not (np.abs(values) > LEAST_SIGMAS * std)[:2].any():
             continue
-        numbers = numbers_of(("viscous", "coulomb", "offset"), values, std, ("Nm s/rad", "Nm", "Nm"))
+        units = [in_units(unit, geometry.robot.units, (joint + 1,)) for unit in ("Nm s/rad", "Nm", "Nm")]
+        numbers = numbers_of(("viscous", "coulomb", "offset"), values, std, units)
         found.append(
             Difference(
                 "friction_change",

@@ -46,6 +46,11 @@ def in_units_of_joints(diagnosis: Diagnosis, robot: RobotModel) -> Diagnosis:
         torque_units=robot.units,
         model_comparison=diagnosis.model_comparison and replace(diagnosis.model_comparison, torque_units=robot.units),
         curves=tuple(_curve(item) if slides(item.joint) else item for item in diagnosis.curves),
+        heldout=diagnosis.heldout
+        and replace(
+            diagnosis.heldout,
+            misfits=tuple(replace(item, sentence=said(item.sentence)) for item in diagnosis.heldout.misfits),
+        ),
         remaining=said(diagnosis.remaining),
         notes=tuple(said(note) for note in diagnosis.notes),
     )

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from identification.audit import audit
-from identification.audit.columns import SetUp
+from identification.audit.columns import Geometry, SetUp
+from identification.audit.foretold import lacking_friction
 from identification.audit.hypotheses import Hypothesis, Layout
 from identification.audit.numbers import Found
+from identification.audit.rows import rows_of
 from identification.audit.search import Step
 from identification.audit.sentences import difference_of
 from identification.physical_parameters import PhysicalParameters
@@ -83,3 +85,14 @@ def test_a_sliding_joint_differs_in_its_own_units(
     told = difference_of(Step(what, 9.0, 0.8), found, stand, stand, "arm.json", robot)
     assert told.numbers[0].unit == unit
     assert said in told.sentence
+
+
+def test_friction_that_a_file_lacks_on_a_sliding_joint_is_a_force(tmp_path: Path) -> None:
+    robot = load_robot(write_arm(tmp_path)[0])
+    q, dq, ddq = fourier_motion(4, period_s=20.0, samples=2000, seed=3)
+    rows = rows_of([recording_of(q, inverse_dynamics(robot, PLANT, q, dq, ddq), period_s=20.0)])
+    lacks, none = PLANT.viscous * rows.velocity + PLANT.coulomb * rows.direction, np.zeros(robot.n)
+    found = lacking_friction(Geometry(robot, rows), lacks, none, none, "scara.xml")
+    assert [item.numbers[1].value for item in found] == pytest.approx(PLANT.coulomb, rel=1e-3)
+    units = [tuple(number.unit for number in item.numbers) for item in found]
+    assert units == [("N s/m", "N", "N") if kind == "prismatic" else ("Nm s/rad", "Nm", "Nm") for kind in KINDS]

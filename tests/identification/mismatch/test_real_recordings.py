@@ -125,6 +125,7 @@ def test_the_emps_axis_has_the_asymmetric_friction_that_is_published() -> None:
     assert [item.effect for item in diagnosis.findings] == ["asymmetric_viscous_friction"]
     assert diagnosis.heldout is not None
     assert [(item.recording, item.differs) for item in diagnosis.heldout.misfits] == [("emps_b.npz", True)]
+    assert " N RMS stay" in diagnosis.heldout.misfits[0].sentence
 
 
 def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions() -> None:
