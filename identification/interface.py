@@ -161,7 +161,11 @@ class Excitation(Printed):
         verified = self.result.verified
         names = ("position", "velocity", "acceleration", "torque", "paper")
         shares = {name: verified[name] for name in names if name in verified}
-        rows = tuple((name, *(f"{100.0 * share:.1f}" for share in joints)) for name, joints in shares.items())
+        # A joint that moves has more than 0 % of any limit that there is.
+        rows = tuple(
+            (name, *(f"{100.0 * share:.1f}" if share else "no limit" for share in joints))
+            for name, joints in shares.items()
+        )
         joints = range(1, len(verified["paper"]) + 1)
         true, paper = ("yes" if verified[f"within_{which}limits"] else "NO" for which in ("", "paper_"))
         said = (

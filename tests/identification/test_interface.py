@@ -114,6 +114,9 @@ def test_a_budget_without_a_clock_is_refused_and_not_passed_over() -> None:
     found = ident.design_excitation(budget_s=1.0, clock=lambda: float(next(ticks)), **quick)
     done = [event.done for event in found.result.history]
     assert done == [1] * len(done), "time is over after the first of each stage"
+    # As of an arm from a URDF, which states no accelerations.
+    unlimited = replace(found.result, verified={**found.result.verified, "acceleration": 7 * [0.0]})
+    assert re.search(r"\nacceleration( +no limit){7}\n", str(replace(found, result=unlimited)))
 
 
 def test_the_published_physics_is_named(ran: dict[str, Any]) -> None:
