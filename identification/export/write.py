@@ -107,7 +107,7 @@ def export_model(
     parameters = with_found_rotors(parameters, model)
     refuse_inconsistent(parameters.physical, file=model.path, advice=_ADVICE if parameter_set == "physical" else "")
     notes = _notes(form, parameters, robot)
-    if motor_inertia is not None:
+    if motor_inertia is not None and motor_inertia.any():
         parameters = replace(parameters, rotor_inertia=parameters.rotor_inertia + motor_inertia)
         notes = (
             *_notes(form, parameters, robot),

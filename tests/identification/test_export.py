@@ -324,7 +324,11 @@ def test_a_rotor_inertia_that_a_diagnosis_found_is_in_the_file(tmp_path: Path, t
     assert mujoco.MjModel.from_xml_path(str(path)).dof_armature.tolist() == [0.0, 0.0, 1.7, 0.0, 0.0, 0.0, 0.0]
     assert "Rotor inertia stands in armature." in result.notes
     assert result.effects_path is None
-    assert motor_prior(model, "physical")[[1, 2]] == pytest.approx([4.4, 0.0])  # none is added to what is known
+    added = motor_prior(model, "physical")
+    assert added[[1, 2]] == pytest.approx([4.4, 0.0])  # none is added to what is known
+    for prior, is_said in ((added, True), (np.zeros(7), False)):
+        notes = export_model(model, path, "mjcf", parameter_set="physical", motor_inertia=prior).notes
+        assert any("data-sheet prior" in note for note in notes) == is_said
     del found["model"]
     with pytest.raises(ModelFileError, match="rotor_inertia is not complete"):
         export_model(model_of(tmp_path, "iiwa14", consistent(table3), effects=[found]), path, "mjcf")
