@@ -331,7 +331,8 @@ def robot_of(recordings: Iterable[Recording]) -> str:
                 "does not say which robot it is of; give --robot NAME or --robot FILE.urdf",
                 field="robot",
             )
-        if named is not None and recording.robot != named:
+        # An import names the file from its own folder: arms/../arm.urdf is arm.urdf.
+        if named is not None and Path(recording.robot).resolve() != Path(named).resolve():
             raise RecordingError.named(
                 recording.source.path,
                 f"is of robot {recording.robot}, but {first} is of {named}; give --robot to use one for both",

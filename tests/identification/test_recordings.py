@@ -6,6 +6,7 @@ Truth: files written here with numpy and as plain text.
 from __future__ import annotations
 
 import errno
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -406,6 +407,8 @@ def test_no_robot_or_two_robots_are_said(tmp_path: Path) -> None:
     other = read_recording(_save(tmp_path / "b.npz", **_arrays(), robot="iiwa7"))
     none = read_recording(_save(tmp_path / "c.npz", **_arrays()))
     assert robot_of([one]) == "iiwa14"
+    spelt = [replace(one, robot=name) for name in ("arm.urdf", "runs/../arm.urdf", str(Path("arm.urdf").resolve()))]
+    assert Path(robot_of(spelt)).name == "arm.urdf"  # an import names the file from its own folder
     with pytest.raises(RecordingError, match="--robot"):
         robot_of([none])
     with pytest.raises(RecordingError, match="iiwa7"):
