@@ -35,7 +35,7 @@ def class_section(diagnosis: Diagnosis) -> Section | None:
             ("not fitted, with the classes", *row_of(model.heldout_after_nm)),
         ]
     head = ("", *joint_heads(model.fit_before_nm.size))
-    caption = "RMS of measured minus modelled torque by joint, compared band, Nm, no name used"
+    caption = "RMS of measured minus modelled torque by joint, compared band, no name used, Nm"
     blocks.append(Table(caption, head, tuple(rows)))
     return Section("classes", "What the rest depends on, whatever its form", tuple(blocks))
 

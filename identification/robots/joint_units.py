@@ -57,4 +57,4 @@ def _sentence(text: str, units: Sequence[str], joints: Sequence[int]) -> str:
     kinds = {units[joint - 1] for joint in named or joints if 0 < joint <= len(units)} or set(units)
     if kinds == {"N"}:
         return for_prismatic(text)
-    return re.sub(r"\b([mk]?)Nm$", r"\1Nm (\1N of prismatic joints)", text) if len(kinds) > 1 else text
+    return re.sub(r"\b([mk]?)Nm(?=$| RMS\b)", r"\1Nm (\1N of prismatic joints)", text) if len(kinds) > 1 else text

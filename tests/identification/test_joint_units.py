@@ -75,6 +75,7 @@ UNITS = ("N", "Nm", "N")
         ("RMS of joint 3: 4 mNm", "RMS of joint 3: 4 mN"),
         ("joints 1 to 3 by 4 mNm", "joints 1 to 3 by 4 mNm (mN of prismatic joints)"),
         ("RMS by joint, Nm", "RMS by joint, Nm (N of prismatic joints)"),
+        ("It leaves 1 to 4 Nm RMS, by joint.", "It leaves 1 to 4 Nm (N of prismatic joints) RMS, by joint."),
     ],
 )  # fmt: skip
 def test_a_sentence_about_some_joints_is_in_their_units(text: str, expected: str) -> None:

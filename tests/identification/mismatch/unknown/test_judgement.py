@@ -142,6 +142,7 @@ def test_the_page_says_the_class_and_draws_its_curve_with_a_band(humped: Diagnos
     assert section is not None
     figures = [block for block in section.blocks if block.block == "figure"]
     assert figures[0].panels[0].lines[0].band is not None
+    assert section.blocks[-1].caption.endswith(", Nm")  # at the end, where "(N of prismatic joints)" is put
 
 
 def test_what_only_the_held_out_recording_shows_is_no_class_of_the_arm(
