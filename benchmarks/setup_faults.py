@@ -32,7 +32,8 @@ from identification.audit.audit import compared
 from identification.audit.columns import PARAMETERS
 from identification.audit.given import given_model, sizes_of
 from identification.audit.rows import rows_of
-from identification.audit.search import LEAST_GAIN, gain_of, possible
+from identification.audit.search import gain_of, possible
+from identification.audit.shown import LEAST_GAIN
 from identification.base_parameters import BaseRegressor
 from identification.errors import IdentificationError
 from identification.model_file import Model, read_model, write_model

@@ -137,20 +137,23 @@ class Explanation:
             free[:size] = (np.arange(size) % PARAMETERS >= INERTIAL) & (not self.model.own)
         return columns[free], factor[free]
 
-    def gains(self, candidates: Sequence[Hypothesis]) -> list[tuple[float, float, Hypothesis]]:
-        """(log odds against none, likeliest day, hypothesis), the best first: whatever day it is, on rows in use."""
+    def gains(
+        self, candidates: Sequence[Hypothesis], days: Sequence[float] = DAYS
+    ) -> list[tuple[float, float, Hypothesis]]:
+        """(log odds against none, likeliest day, hypothesis), the best first: whichever day it is, on rows in use."""
         gram, right = self.comparison.products.summed(USED, self.noise.weight)
         columns, alone, beside = self.columns(), [], []
-        for day in DAYS:
+        for day in days:
             factor = self.factor(day)
             alone.append(_evidence(gram, right, columns, factor))
             left, seen = marginal(gram, right, columns, factor)
             beside.append([_evidence(left, seen, each.columns, each.width) for each in candidates])
         total = np.array(alone)[:, None] + np.array(beside)
         gained = np.logaddexp.reduce(total, axis=0) - np.logaddexp.reduce(alone)
-        days = [DAYS[place] for place in np.argmax(total, axis=0)]
+        likeliest = [days[place] for place in np.argmax(total, axis=0)]
         scored = [
-            (float(value) + each.log_odds, day, each) for value, day, each in zip(gained, days, candidates, strict=True)
+            (float(value) + each.log_odds, day, each)
+            for value, day, each in zip(gained, likeliest, candidates, strict=True)
         ]
         return sorted(scored, key=lambda one: -one[0])
 

@@ -11,7 +11,7 @@ from identification.audit.columns import HEAVY, PARAMETERS, SYMBOLS, SetUp, acro
 from identification.audit.difference import Difference, Number, by_so_much, numbers_of, with_interval
 from identification.audit.hypotheses import Hypothesis
 from identification.audit.numbers import Found
-from identification.audit.search import Step
+from identification.audit.shown import Step
 from identification.robots.joint_units import for_prismatic
 from identification.robots.model import RobotModel
 

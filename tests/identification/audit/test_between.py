@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identification.audit.between import changes_between, fitted_to, model_of_fit
+from identification.audit.between import changes_between, fitted_to, model_of, model_of_fit
 from identification.audit.trend import trend_of
 from identification.fitting.settings import FitSettings
 from identification.physical_parameters import PhysicalParameters
@@ -51,6 +51,34 @@ def test_parameters_are_those_of_the_recording_as_it_has_to_be_read(
     change = changes_between(model_of_fit(fitted_to(first, iiwa14), "first"), exchanged, iiwa14)
     assert [item.joints for item in change.audit.differences] == [(2, 4)]
     assert max(abs(item.sigmas) for item in change.parameters) < 5.0
+
+
+def test_friction_that_changed_on_two_joints_at_once_is_named_on_both(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """Beside the other one each was as likely a day on which all friction differs, so none was named."""
+    more = np.array([0.0, 1.0, 0.0, 1.2, 0.0, 0.0, 0.0])
+    first, later = (
+        record(iiwa14, replace(table3, coulomb=(1.0 + share) * table3.coulomb), seed)
+        for seed, share in ((1, 0.0 * more), (2, more))
+    )
+    found = changes_between(model_of(first, iiwa14), later, iiwa14).audit.differences
+    assert {(item.effect, item.joint) for item in found} == {("friction_change", 2), ("friction_change", 4)}
+    for item in found:
+        (number,) = item.numbers
+        assert item.joint is not None
+        low, high = number.interval
+        assert low < more[item.joint - 1] * table3.coulomb[item.joint - 1] < high
+        assert high - low < 0.3 * number.value
+
+
+def test_friction_that_is_larger_on_all_joints_is_a_day_on_which_the_arm_ran_cold(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    first, cold = (
+        record(iiwa14, replace(table3, coulomb=more * table3.coulomb), seed) for seed, more in ((1, 1.0), (2, 1.3))
+    )
+    assert not changes_between(model_of(first, iiwa14), cold, iiwa14).audit.differences
 
 
 def test_friction_at_a_speed_is_what_has_turned_over_by_then(iiwa14: RobotModel, table3: PhysicalParameters) -> None:

@@ -16,8 +16,8 @@ from identification.audit.foretold import lacking_friction
 from identification.audit.hypotheses import Hypothesis, Layout
 from identification.audit.numbers import Found
 from identification.audit.rows import rows_of
-from identification.audit.search import Step
 from identification.audit.sentences import difference_of
+from identification.audit.shown import Step
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of

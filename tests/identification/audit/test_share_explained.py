@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from identification.audit.search import _explained
+from identification.audit.shown import _explained
 
 
 @dataclass(frozen=True)
