@@ -48,8 +48,12 @@ def series(iiwa14: RobotModel, table3: PhysicalParameters) -> list[Recording]:
     return [found[place] for place in (4, 0, 2, 1, 3)]
 
 
-def test_the_day_on_which_friction_changed_is_found(series: list[Recording], iiwa14: RobotModel) -> None:
-    trend = trend_of(series, iiwa14)
+@pytest.fixture(scope="module")
+def trend(series: list[Recording], iiwa14: RobotModel) -> Trend:
+    return trend_of(series, iiwa14)
+
+
+def test_the_day_on_which_friction_changed_is_found(trend: Trend) -> None:
     assert trend.names == tuple(f"day{day}.npz" for day in range(1, 6))
     elbow = trend.joints[3]
     assert (elbow.change.at, elbow.change.odds > 20.0) == (FROM, True)
@@ -78,13 +82,13 @@ def test_recordings_of_a_series_are_called_by_as_many_folders_as_tell_them_apart
     ("apart_s", "unit", "last"), [(86400.0, "days", 4.0), (3600.0, "hours", 4.0), (90.0, "minutes", 6.0)]
 )
 def test_a_series_is_drawn_in_a_unit_of_time_that_it_lasts(
-    series: list[Recording], iiwa14: RobotModel, apart_s: float, unit: str, last: float
+    trend: Trend, apart_s: float, unit: str, last: float
 ) -> None:
     begun = datetime(2026, 3, 1, tzinfo=UTC)
-    trend = replace(trend_of(series, iiwa14), dates=tuple(begun + k * timedelta(seconds=apart_s) for k in range(5)))
+    dated = replace(trend, dates=tuple(begun + k * timedelta(seconds=apart_s) for k in range(5)))
     figure = next(
         block
-        for section in trend_document(trend, "iiwa14").sections
+        for section in trend_document(dated, "iiwa14").sections
         for block in section.blocks
         if isinstance(block, Figure)
     )
@@ -147,7 +151,7 @@ def test_a_step_of_many_deviations_is_placed_and_its_size_covered() -> None:
     assert sum(held) >= 33
 
 
-def test_a_steady_drift_is_no_change_at_once(series: list[Recording], iiwa14: RobotModel) -> None:
+def test_a_steady_drift_is_no_change_at_once(trend: Trend) -> None:
     generator = np.random.default_rng(12)
     drawn = [
         change_point(1.0 + 0.03 * np.arange(12) + 0.02 * generator.standard_normal(12), np.full(12, 0.01))
@@ -156,7 +160,6 @@ def test_a_steady_drift_is_no_change_at_once(series: list[Recording], iiwa14: Ro
     assert not any(found.odds > 20.0 for found in drawn)
     assert all(found.drift_odds > 20.0 for found in drawn)
     assert sum(abs(found.drift - 0.33) < 1.96 * found.drift_std for found in drawn) >= 33
-    trend = trend_of(series, iiwa14)
     worn = replace(trend, joints=(replace(trend.joints[0], change=drawn[0]), *trend.joints[1:]))
     assert "friction drifts from recording to recording" in worn.sentences[0]
     assert trend_document(worn, "iiwa14").verdict.endswith("It drifts on joint 1.")
@@ -186,15 +189,15 @@ def test_odds_are_those_of_the_evidence_summed_by_hand(step: float) -> None:
     assert found.drift_odds == pytest.approx(drift / max(none, np.mean(steps)), rel=1e-6)
 
 
-def test_a_series_of_two_arms_says_so(series: list[Recording], iiwa14: RobotModel) -> None:
+def test_a_series_of_two_arms_says_so(series: list[Recording], iiwa14: RobotModel, trend: Trend) -> None:
     mixed = [
         replace(item, source=replace(item.source, metadata={**item.source.metadata, "serial": serial}))
         for item, serial in zip(series, ("A1", "B2", "A1", "", "B2"), strict=True)
     ]
-    trend = trend_of(mixed, iiwa14)
-    assert trend.sentences[0].startswith("These are recordings of 2 arms (serial numbers A1, B2)")
-    assert trend.to_json()["arms"] == ["A1", "B2"]
-    assert len(trend_of(series, iiwa14).sentences) == 7
+    of_two = trend_of(mixed, iiwa14)
+    assert of_two.sentences[0].startswith("These are recordings of 2 arms (serial numbers A1, B2)")
+    assert of_two.to_json()["arms"] == ["A1", "B2"]
+    assert len(trend.sentences) == 7
 
 
 def test_three_recordings_are_no_series(series: list[Recording], iiwa14: RobotModel) -> None:
