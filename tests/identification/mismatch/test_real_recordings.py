@@ -7,6 +7,7 @@ The TX40's wrist has one motor whose turning is that of joints 5 and 6 together 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
-from identification.recordings import read_recording
+from identification.recordings import Recording, read_recording
 from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot
 from tests.reference import recording_file
@@ -112,20 +113,32 @@ def test_without_findings_a_fit_is_what_it_was(kr300: Diagnosis) -> None:
     np.testing.assert_allclose(kr300.rms_after_nm, kr300.baseline.rms_nm, rtol=1e-9)
 
 
-def test_the_emps_axis_has_the_asymmetric_friction_that_is_published() -> None:
+@pytest.fixture(scope="module")
+def emps() -> Diagnosis:
+    first, second = (read_recording(recording_file(f"emps_{run}.npz")) for run in "ab")
+    return diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
+
+
+def test_the_emps_axis_has_the_asymmetric_friction_that_is_published(emps: Diagnosis) -> None:
     """166.71 and 240.42 N s/m: half difference −36.86 ± 0.87 (nonlinearbenchmark.org; a worn screw). Run b has force
     pulses from outside: that the two runs differ is true.
     """
-    first, second = (read_recording(recording_file(f"emps_{run}.npz")) for run in "ab")
-    diagnosis = diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
-    (friction,) = (item for item in diagnosis.findings if item.effect == "asymmetric_viscous_friction")
+    (friction,) = (item for item in emps.findings if item.effect == "asymmetric_viscous_friction")
     size = friction.parameters[0]
     assert abs(size.value + 36.86) < 3.0 * np.hypot(size.std, 0.87)
     assert friction.confirmed
-    assert [item.effect for item in diagnosis.findings] == ["asymmetric_viscous_friction"]
-    assert diagnosis.heldout is not None
-    assert [(item.recording, item.differs) for item in diagnosis.heldout.misfits] == [("emps_b.npz", True)]
-    assert " N RMS stay" in diagnosis.heldout.misfits[0].sentence
+    assert [item.effect for item in emps.findings] == ["asymmetric_viscous_friction"]
+    assert emps.heldout is not None
+    assert [(item.recording, item.differs) for item in emps.heldout.misfits] == [("emps_b.npz", True)]
+    assert " N RMS stay" in emps.heldout.misfits[0].sentence
+
+
+def test_the_model_of_the_emps_that_is_offered_lowers_the_error_on_its_other_recording(emps: Diagnosis) -> None:
+    """Beside the name."""
+    assert emps.heldout is not None
+    assert emps.offer is not None
+    assert emps.offer.heldout_rms[0] < 0.8 * emps.heldout.rms_after_nm[0]
+    assert emps.offer.heldout_rms[0] < 0.6 * emps.heldout.rms_before_nm[0]
 
 
 def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions() -> None:
@@ -140,13 +153,42 @@ def test_the_kr300_s_encoders_differ_by_a_delay_in_both_directions() -> None:
         assert joints[0].claim == "delay"
 
 
+@dataclass(frozen=True)
+class TwoThirds:
+    """The first two thirds of a recording and their diagnosis; ratio (n,): RMS that its model leaves of the last third,
+    which chose nothing, over that of the plain fit.
+    """
+
+    first: Recording
+    robot: RobotModel
+    diagnosis: Diagnosis
+    ratio: np.ndarray
+
+
+def _on_the_last_third(folder: Path, file: str, robot_file: str) -> TwoThirds:
+    whole, robot = np.load(recording_file(file)), load_robot(recording_file(robot_file))
+    cut = whole["t"].size * 2 // 3
+    parts = []
+    for name, rows in (("first", slice(0, cut)), ("last", slice(cut, None))):
+        np.savez(folder / name, **{key: whole[key][rows] for key in ("t", "q", "dq", "tau")})
+        parts.append(read_recording(folder / f"{name}.npz", robot=robot))
+    first, last = parts
+    diagnosis = diagnose([first], robot)
+    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json()
+    rms = []
+    for name, data in (("plain", plain), ("extended", extended_model(diagnosis, [first], robot))):
+        write_model(data, folder / f"{name}.json")
+        rms.append(validate_with_effects(read_model(folder / f"{name}.json"), [last]).rows[0].rms_nm)
+    return TwoThirds(first, robot, diagnosis, rms[1] / rms[0])
+
+
 @pytest.fixture(scope="module")
-def panda() -> tuple[Diagnosis, np.ndarray]:
-    return _diagnosed("panda_excitation.npz")
+def panda(tmp_path_factory: pytest.TempPathFactory) -> TwoThirds:
+    return _on_the_last_third(tmp_path_factory.mktemp("panda"), "panda_excitation.npz", "panda.urdf")
 
 
-def test_classes_lower_the_panda_s_error_on_rows_that_were_not_fitted(panda: tuple[Diagnosis, np.ndarray]) -> None:
-    model = panda[0].class_model
+def test_classes_lower_the_panda_s_error_on_rows_that_were_not_fitted(panda: TwoThirds) -> None:
+    model = panda.diagnosis.class_model
     assert model is not None
     assert model.heldout_after_nm.sum() < 0.75 * model.heldout_before_nm.sum()
     assert model.heldout_after_nm[6] < 0.4 * model.heldout_before_nm[6]
@@ -176,47 +218,28 @@ def test_one_bad_class_takes_no_class_of_another_joint_with_it(
     assert {item.joint for item in kr300.classes} >= {2, 5, 6}
 
 
-def test_the_model_of_the_panda_with_classes_is_better_on_every_joint(panda: tuple[Diagnosis, np.ndarray]) -> None:
-    assert better_everywhere(panda[0]).mean() < 0.8
-
-
-def _on_the_last_third(folder: Path, file: str, robot: RobotModel) -> tuple[Diagnosis, np.ndarray]:
-    """The diagnosis of the first two thirds; RMS (n,) that its model leaves of the last, over that of the plain fit."""
-    whole = np.load(recording_file(file))
-    cut = whole["t"].size * 2 // 3
-    parts = []
-    for name, rows in (("first", slice(0, cut)), ("last", slice(cut, None))):
-        np.savez(folder / name, **{key: whole[key][rows] for key in ("t", "q", "dq", "tau")})
-        parts.append(read_recording(folder / f"{name}.npz", robot=robot))
-    first, last = parts
-    diagnosis = diagnose([first], robot)
-    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json()
-    rms = []
-    for name, data in (("plain", plain), ("extended", extended_model(diagnosis, [first], robot))):
-        write_model(data, folder / f"{name}.json")
-        rms.append(validate_with_effects(read_model(folder / f"{name}.json"), [last]).rows[0].rms_nm)
-    return diagnosis, rms[1] / rms[0]
+def test_the_model_of_the_panda_with_classes_is_better_on_every_joint(panda: TwoThirds) -> None:
+    assert better_everywhere(panda.diagnosis).mean() < 0.8
 
 
 def test_what_is_found_on_two_thirds_of_the_ur10_lowers_the_error_of_every_joint_on_the_last(tmp_path: Path) -> None:
     """Friction of joints 1 and 3 turns over within 0.13 and 0.05 rad/s (doi 10.1109/TII.2025.3534415), where a nominal
     model has it jump. The last third chose nothing; with variances of the fitted rows alone its error was doubled.
     """
-    diagnosis, ratio = _on_the_last_third(tmp_path, "ur10.npz", load_robot(recording_file("ur10_mdh.csv")))
-    assert not diagnosis.findings
-    assert {("own_velocity", 1), ("own_velocity", 3)} <= {(item.name, item.joint) for item in diagnosis.classes}
-    assert np.all(ratio < 1.0), ratio
-    assert ratio[0] < 0.5
-    assert ratio[2] < 0.8
+    ur10 = _on_the_last_third(tmp_path, "ur10.npz", "ur10_mdh.csv")
+    assert not ur10.diagnosis.findings
+    assert {("own_velocity", 1), ("own_velocity", 3)} <= {(item.name, item.joint) for item in ur10.diagnosis.classes}
+    assert np.all(ur10.ratio < 1.0), ur10.ratio
+    assert ur10.ratio[0] < 0.5
+    assert ur10.ratio[2] < 0.8
 
 
-def test_what_is_found_on_two_thirds_of_the_panda_lowers_the_error_of_every_joint_on_the_last(tmp_path: Path) -> None:
+def test_what_is_found_on_two_thirds_of_the_panda_lowers_the_error_of_every_joint_on_the_last(panda: TwoThirds) -> None:
     """No class of any joint was modelled: with base parameters by the weights of the classes joint 5, which has a name
     and no class, was worse than by the fit.
     """
-    _, ratio = _on_the_last_third(tmp_path, "panda_excitation.npz", load_robot(recording_file("panda.urdf")))
-    assert np.all(ratio < 1.0), ratio
-    assert ratio.mean() < 0.75
+    assert np.all(panda.ratio < 1.0), panda.ratio
+    assert panda.ratio.mean() < 0.75
 
 
 @pytest.mark.parametrize(
@@ -243,45 +266,46 @@ def test_what_is_hidden_on_a_joint_of_the_ur10_is_said_of_that_joint_and_modelle
     assert model.heldout_after_nm[joint - 1] < 0.5 * model.heldout_before_nm[joint - 1]
 
 
-def test_classes_are_compared_with_the_fit_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray]) -> None:
+def test_classes_are_compared_with_the_fit_of_the_same_rows(panda: TwoThirds) -> None:
     """By the weights that classes are chosen with joint 3 was left 0.26 Nm before, not the fit's 0.19."""
-    diagnosis = panda[0]
+    diagnosis = panda.diagnosis
     assert diagnosis.class_model is not None
     assert diagnosis.heldout is not None
     np.testing.assert_array_equal(diagnosis.class_model.heldout_before_nm, diagnosis.heldout.rms_before_nm)
 
 
 def test_a_name_takes_no_class_of_a_joint_that_it_does_not_act_on(
-    tx40: tuple[Diagnosis, np.ndarray], panda: tuple[Diagnosis, np.ndarray]
+    tx40: tuple[Diagnosis, np.ndarray], panda: TwoThirds
 ) -> None:
     """The coupling acts on joints 5 and 6, friction on its own joint."""
-    for diagnosis, joints in ((tx40[0], {5, 6}), (panda[0], {item.place.joint for item in panda[0].findings})):
+    own = {item.place.joint for item in panda.diagnosis.findings}
+    for diagnosis, joints in ((tx40[0], {5, 6}), (panda.diagnosis, own)):
         assert {item.joint for item in diagnosis.classes if item.named} <= joints
 
 
-def test_before_is_what_fit_leaves_of_the_same_rows(panda: tuple[Diagnosis, np.ndarray]) -> None:
+def test_before_is_what_fit_leaves_of_the_same_rows(panda: TwoThirds) -> None:
     """`fit --split` with the rows of the diagnosis held out, weighted by joint: weighted by joint and band, joint 5 was
     left 0.140 Nm here, not 0.090, and the name of joint 7 got the credit of the difference. The diagnosis leaves free
     what the fitted rows do not determine, which takes up to 7 % off what stays.
     """
-    recording, robot = read_recording(recording_file("panda_excitation.npz")), load_robot(recording_file("panda.urdf"))
-    settings = DiagnosisSettings(low_pass_hz=panda[0].provenance["low_pass_hz"])
+    recording, robot = panda.first, panda.robot
+    settings = DiagnosisSettings(low_pass_hz=panda.diagnosis.provenance["low_pass_hz"])
     split = default_split([recording], settings)
     text = ":".join(str(item) for item in (split.kind, *split.numbers))
     fit = fit_recordings([recording], robot, FitSettings(physical=False, split=text, low_pass_hz=settings.low_pass_hz))
     evidences = prepare([recording], robot, fit.regressor, settings, split, fit.values).evidences
     rows = [np.where(item.used, item.torque - item.nominal @ fit.values, 0.0) for item in evidences]
     left = np.sqrt((np.concatenate(rows) ** 2).sum(axis=0) / sum(item.samples for item in evidences))
-    heldout = panda[0].heldout
+    heldout = panda.diagnosis.heldout
     assert heldout is not None
     np.testing.assert_allclose(heldout.rms_before_nm, left, rtol=0.1)
 
 
-def test_joints_of_the_panda_have_friction_that_builds_up_with_travel(panda: tuple[Diagnosis, np.ndarray]) -> None:
+def test_joints_of_the_panda_have_friction_that_builds_up_with_travel(panda: TwoThirds) -> None:
     """Friction is known not to jump at a reversal (Gaz et al., RA-L 2019, fit a sigmoid of velocity). By its trembling
     stamps only joint 7 had a name, which a late torque could stand for as well.
     """
-    diagnosis, torque = panda
+    diagnosis, torque = panda.diagnosis, np.sqrt(np.mean(panda.first.torque**2, axis=0))
     assert {item.effect for item in diagnosis.findings} == {"presliding_hysteresis"}
     assert {item.place.joint for item in diagnosis.findings} >= {5, 7}
     assert not next(item for item in diagnosis.findings if item.place.joint == 7).alternatives

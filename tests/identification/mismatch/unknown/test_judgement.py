@@ -191,29 +191,29 @@ def test_beside_a_smooth_error_of_every_joint_no_class_and_no_name_is_said(
     assert any("smooth function of the state" in note for note in diagnosis.notes)
 
 
-def _recorded(file: str, robot: str) -> Diagnosis:
-    return diagnose([read_recording(recording_file(file))], load_robot(recording_file(robot)))
+@pytest.fixture(scope="module")
+def emps() -> Diagnosis:
+    return diagnose([read_recording(recording_file("emps_a.npz"))], load_robot(recording_file("emps.urdf")))
 
 
-def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity() -> None:
+def test_the_worn_screw_of_the_emps_is_a_torque_that_depends_on_velocity(emps: Diagnosis) -> None:
     """Janot, Gautier and Brunot: viscous friction 166.71 one way, 240.42 N s/m the other; half difference −36.86.
 
     That is even in velocity, which no base column is: the even part of the curve has that slope.
     """
-    diagnosis = _recorded("emps_a.npz", "emps.urdf")
-    (claim,) = (item for item in diagnosis.classes if item.name == "own_velocity")
+    (claim,) = (item for item in emps.classes if item.name == "own_velocity")
     assert claim.curve is not None
     speed, even = claim.curve.place, 0.5 * (claim.curve.mean_nm + claim.curve.mean_nm[::-1])
     fast = speed > 0.2 * speed.max()
     assert np.polyfit(speed[fast], even[fast], 1)[0] == pytest.approx(-36.86, rel=0.15)
-    model = diagnosis.class_model
+    model = emps.class_model
     assert model is not None
     assert model.heldout_after_nm[0] < 0.5 * model.heldout_before_nm[0]
     # The axis slides; and no class alone can bring more than all classes together bring.
     assert "force" in claim.sentence
     assert "N RMS" in claim.sentence
     assert "Nm" not in claim.sentence
-    for item in diagnosis.classes:
+    for item in emps.classes:
         assert item.heldout_gain_nm[0] <= model.heldout_before_nm[0] - model.heldout_after_nm[0] + 1e-12
 
 
@@ -278,10 +278,9 @@ def test_terms_are_the_same_torque_with_vectors_of_the_other_sign_and_other_rand
         terms_torque(older, clean_evidence.motion)
 
 
-def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_refused_for_the_model_is_said_all_the_same(emps: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Terms are refused against a fit with other weights; one of a joint took every class of every joint with it."""
     first, axis = read_recording(recording_file("emps_a.npz")), load_robot(recording_file("emps.urdf"))
-    plain = diagnose([first], axis)
 
     def nothing(
         alone: Selection, left: Left, before: Residuals, weight: np.ndarray
@@ -292,11 +291,11 @@ def test_what_is_refused_for_the_model_is_said_all_the_same(monkeypatch: pytest.
 
     monkeypatch.setattr(judgement, "offer", nothing)
     refused = diagnose([first], axis)
-    assert plain.offer is not None
+    assert emps.offer is not None
     assert refused.offer is None
     assert any("not part of the extended model" in note for note in refused.notes)
-    assert plain.classes
-    assert [(item.name, item.joint) for item in refused.classes] == [(item.name, item.joint) for item in plain.classes]
+    assert emps.classes
+    assert [(item.name, item.joint) for item in refused.classes] == [(item.name, item.joint) for item in emps.classes]
 
 
 @pytest.mark.parametrize("weights", [1, 3, 8])
@@ -353,13 +352,3 @@ def test_the_model_of_the_emps_holds_on_the_half_of_a_run_that_chose_nothing(tmp
     model = read_model(write_model(extended_model(diagnosis, [first], axis), tmp_path / "extended.json"))
     plain = validate_model(fit_recordings([first], axis), [other]).rows[0].rms_nm[0]
     assert validate_with_effects(model, [other]).rows[0].rms_nm[0] < 0.65 * plain
-
-
-def test_the_model_of_the_emps_that_is_offered_lowers_the_error_on_its_other_recording() -> None:
-    """Beside the name."""
-    first, second = (read_recording(recording_file(f"emps_{name}.npz")) for name in "ab")
-    diagnosis = diagnose([first], load_robot(recording_file("emps.urdf")), heldout=[second])
-    assert diagnosis.heldout is not None
-    assert diagnosis.offer is not None
-    assert diagnosis.offer.heldout_rms[0] < 0.8 * diagnosis.heldout.rms_after_nm[0]
-    assert diagnosis.offer.heldout_rms[0] < 0.6 * diagnosis.heldout.rms_before_nm[0]
