@@ -12,13 +12,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import psutil
 
 from daemon.queue.control_api import ControlReply, ControlRequest, GetJobs, GetStatus, JobsReply, JobView, StatusReply
 from daemon.queue.control_socket import ServiceUnreachableError, ask
 from daemon.runtime_folder import default_endpoint
-from identification.excitation import FourierTrajectory, default_trajectory
 from tests.ports import free_udp_port
 from tests.watchdog import WATCHDOG_S
 
@@ -30,19 +28,6 @@ def iiwa_ident(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*COMMAND, *map(str, words)], cwd=REPOSITORY, capture_output=True, text=True, timeout=WATCHDOG_S, check=False
     )
-
-
-NEAR_THE_ROBOT = (0.1, 0.4, -0.1, -1.2, 0.1, 0.9, 0.1)
-"""rad; beside the pose in which the fake robot begins, so that the start ramp is short."""
-
-
-def short_trajectory(file: Path, *, scale: float = 0.05, offset: tuple[float, ...] | None = NEAR_THE_ROBOT) -> Path:
-    """A gentle motion of 2 s a period about `offset`, none: about that of the shipped motion."""
-    shipped = default_trajectory()
-    middle = shipped.offset if offset is None else np.array(offset)
-    short = FourierTrajectory(0.5, scale * shipped.a, scale * shipped.b, middle, shipped.robot)
-    file.write_text(json.dumps(short.to_json()))
-    return file
 
 
 def wait_for(condition: Callable[[], Any], allowance_s: float = WATCHDOG_S) -> Any:

@@ -17,6 +17,7 @@ from rosbags.highlevel import AnyReader
 
 from daemon.api import RunRequest
 from daemon.json_files import write_json
+from tests.short_motion import NEAR_THE_ROBOT
 from tests.watchdog import WATCHDOG_S
 
 from .recorder_results import read_events, read_states
@@ -41,7 +42,7 @@ def gentle_request(folder: Path, port: int, **changes: Any) -> RunRequest:
     """One second of a small motion beside the pose in which the fake robot begins, so that the start ramp is short."""
     folder.mkdir(parents=True, exist_ok=True)
     angle = 2 * np.pi * np.arange(PERIOD_SAMPLES) / PERIOD_SAMPLES
-    np.save(folder / "table.npy", np.array([0.1, 0.4, -0.1, -1.2, 0.1, 0.9, 0.1]) + 0.02 * (1 - np.cos(angle))[:, None])
+    np.save(folder / "table.npy", np.array(NEAR_THE_ROBOT) + 0.02 * (1 - np.cos(angle))[:, None])
     (folder / "trajectory.json").write_text("{}")
     values: dict[str, Any] = {
         "run_id": "test",

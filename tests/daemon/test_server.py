@@ -44,11 +44,11 @@ from tests.daemon.service_process import (
     fake_robot,
     iiwa_ident,
     service,
-    short_trajectory,
     wait_for,
 )
 from tests.daemon.test_service import gentle_request
 from tests.ports import free_tcp_port, free_udp_port
+from tests.short_motion import short_trajectory
 from tests.watchdog import WATCHDOG_S
 
 

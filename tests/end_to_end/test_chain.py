@@ -22,24 +22,19 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from identification.excitation import FourierTrajectory, default_trajectory
 from tests.daemon.service_runs import child_of
 from tests.end_to_end.processes import fake_robot, iiwa_ident, start_iiwa_ident
 from tests.ports import free_udp_port
+from tests.short_motion import short_trajectory
 from tests.watchdog import WATCHDOG_S
 
-PERIOD_S = 2.0
-SAMPLES = 2000
+SAMPLES = 1000
 
 
 @pytest.fixture(scope="module")
-def short_trajectory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A gentle motion of 2 s a period, so that a test needs thousands of messages and not ten thousands."""
-    shipped = default_trajectory()
-    short = FourierTrajectory(1.0 / PERIOD_S, 0.2 * shipped.a, 0.2 * shipped.b, shipped.offset, shipped.robot)
-    file = tmp_path_factory.mktemp("trajectory") / "short.json"
-    file.write_text(json.dumps(short.to_json()))
-    return file
+def motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of one second, and lively enough for a fit."""
+    return short_trajectory(tmp_path_factory.mktemp("trajectory") / "short.json", period_s=1e-3 * SAMPLES, scale=0.1)
 
 
 def messages(log: Path, topic: str) -> Iterator[Any]:
@@ -60,13 +55,11 @@ def wait_until(condition: Any) -> None:
 
 
 @pytest.mark.parametrize("version", ["1.15", "2.5", "2.7"])
-def test_every_message_of_a_run_is_answered_and_in_the_log(
-    version: str, tmp_path: Path, short_trajectory: Path
-) -> None:
+def test_every_message_of_a_run_is_answered_and_in_the_log(version: str, tmp_path: Path, motion: Path) -> None:
     port = free_udp_port()
     with fake_robot(port, tmp_path / "robot.json", "--fri-version", version, "--lockstep", "--seed", 3):
         result = iiwa_ident(
-            "run", short_trajectory, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--fri-version", version,
+            "run", motion, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--fri-version", version,
             "--out", tmp_path / "run", "--no-fit", "--json", "-",
         )  # fmt: skip
     assert result.returncode == 0, result.stderr
@@ -100,13 +93,11 @@ def test_every_message_of_a_run_is_answered_and_in_the_log(
     assert robot["counts"]["commands_accepted"] > 2 * SAMPLES
 
 
-def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, short_trajectory: Path) -> None:
+def test_the_detached_fit_outlives_its_supervisor(tmp_path: Path, motion: Path) -> None:
     port = free_udp_port()
     folder = tmp_path / "run"
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 4):
-        process = start_iiwa_ident(
-            "run", short_trajectory, "--periods", 3, "--bind", f"127.0.0.1:{port}", "--out", folder
-        )
+        process = start_iiwa_ident("run", motion, "--periods", 3, "--bind", f"127.0.0.1:{port}", "--out", folder)
         status_file = folder / "worker_status.json"
         # The first status is the supervisor's, before the worker is a process of its own: that one has a pid.
         wait_until(lambda: status_file.exists() and json.loads(status_file.read_text())["pid"] > 0)
@@ -142,10 +133,10 @@ main(sys.argv[3:])
     [(signal.SIGINT, "worker"), (signal.SIGTERM, "worker"), (signal.SIGHUP, "worker"), (signal.SIGTERM, "wait")],
 )
 def test_an_interrupt_as_the_fit_begins_or_goes_on_ends_the_command_and_neither_run_nor_fit(
-    number: signal.Signals, moment: str, tmp_path: Path, short_trajectory: Path
+    number: signal.Signals, moment: str, tmp_path: Path, motion: Path
 ) -> None:
     port, folder = free_udp_port(), tmp_path / "run"
-    words = ["run", short_trajectory, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--out", folder]
+    words = ["run", motion, "--periods", 2, "--bind", f"127.0.0.1:{port}", "--out", folder]
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 4):
         done = subprocess.run(
             [sys.executable, "-c", INTERRUPTED_WITH_THE_FIT, str(int(number)), moment, *map(str, words)],
@@ -161,13 +152,11 @@ def test_an_interrupt_as_the_fit_begins_or_goes_on_ends_the_command_and_neither_
     assert json.loads(status_file.read_text())["phase"] == "done"
 
 
-def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: Path, short_trajectory: Path) -> None:
+def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: Path, motion: Path) -> None:
     port = free_udp_port()
     folder = tmp_path / "run"
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 5):
-        process = start_iiwa_ident(
-            "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
-        )
+        process = start_iiwa_ident("run", motion, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder)
         lines: list[str] = []
         assert process.stdout is not None
         for line in process.stdout:
@@ -187,13 +176,11 @@ def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: P
     assert json.loads((tmp_path / "robot.json").read_text())["rejections"] == []
 
 
-def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Path, short_trajectory: Path) -> None:
+def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Path, motion: Path) -> None:
     port = free_udp_port()
     folder = tmp_path / "run"
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 6):
-        process = start_iiwa_ident(
-            "run", short_trajectory, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder
-        )
+        process = start_iiwa_ident("run", motion, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder)
         assert process.stdout is not None
         for line in process.stdout:
             if "excitation" in line:

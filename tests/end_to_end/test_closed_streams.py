@@ -13,6 +13,7 @@ import pytest
 
 from tests.end_to_end.processes import COMMAND, fake_robot
 from tests.ports import free_udp_port
+from tests.short_motion import short_trajectory
 from tests.watchdog import WATCHDOG_S
 
 
@@ -24,8 +25,8 @@ def in_shell(redirections: str, *words: object, before: str = "") -> subprocess.
 
 
 @pytest.mark.parametrize("redirections", [">/dev/full 2>&1", ">&-", "<&- >&- 2>&-"])
-def test_a_result_that_nobody_can_get_is_an_input_output_error(redirections: str) -> None:
-    done = in_shell(redirections, "check")
+def test_a_result_that_nobody_can_get_is_an_input_output_error(redirections: str, tmp_path: Path) -> None:
+    done = in_shell(redirections, "check", short_trajectory(tmp_path / "short.json"))
     assert done.returncode == 74
     assert done.stdout == ""
     if "2>" not in redirections:
@@ -49,7 +50,8 @@ def test_an_error_that_nobody_can_read_keeps_its_exit_code(redirections: str, tm
 
 def test_the_arm_moves_as_always_where_nobody_can_be_told(tmp_path: Path) -> None:
     port, out, summary = free_udp_port(), tmp_path / "run", tmp_path / "robot.json"
-    words = ("run", "--bind", f"127.0.0.1:{port}", "--periods", 1, "--no-fit", "--out", out)
+    motion = short_trajectory(tmp_path / "short.json", period_s=1.0)
+    words = ("run", motion, "--bind", f"127.0.0.1:{port}", "--periods", 1, "--no-fit", "--out", out)
     with fake_robot(port, summary, "--lockstep", "--duration", "600"):
         done = in_shell(">/dev/full 2>&1", *words)
     assert done.returncode == 74
@@ -59,12 +61,13 @@ def test_the_arm_moves_as_always_where_nobody_can_be_told(tmp_path: Path) -> Non
         assert in_shell(redirections, "judge", out).returncode == 74
 
 
-@pytest.mark.parametrize(("blocks", "sentence"), [(1000, "File too large."), (8000, "(ulimit -f)")])
+@pytest.mark.parametrize(("blocks", "sentence"), [(100, "File too large."), (8000, "(ulimit -f)")])
 def test_a_shell_that_limits_files_too_much_is_said_before_anything_moves(
     tmp_path: Path, blocks: int, sentence: str
 ) -> None:
     """In blocks of 512 bytes: too few for the table, and for the samples in memory."""
-    words = ("run", "--bind", f"127.0.0.1:{free_udp_port()}", "--periods", 1, "--no-fit", "--out", tmp_path / "run")
+    motion, bind = short_trajectory(tmp_path / "short.json"), f"127.0.0.1:{free_udp_port()}"
+    words = ("run", motion, "--bind", bind, "--periods", 1, "--no-fit", "--out", tmp_path / "run")
     done = in_shell("", *words, before=f"ulimit -f {blocks};")
     assert done.returncode == 74
     assert sentence in done.stderr

@@ -13,6 +13,7 @@ import pytest
 from identification.excitation import default_trajectory
 from tests.end_to_end.processes import iiwa_ident, start_iiwa_ident
 from tests.ports import free_udp_port
+from tests.short_motion import short_trajectory
 from tests.watchdog import WATCHDOG_S
 
 COMMANDS = (
@@ -84,47 +85,50 @@ def test_a_joint_past_its_limit_is_named_and_nothing_runs(tmp_path: Path) -> Non
 
 
 def test_a_port_in_use_is_said_with_its_number(tmp_path: Path) -> None:
+    motion = short_trajectory(tmp_path / "short.json")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
         port = holder.getsockname()[1]
-        result = iiwa_ident("run", "--bind", f"127.0.0.1:{port}", "--out", tmp_path / "run", "--no-fit")
+        result = iiwa_ident("run", motion, "--bind", f"127.0.0.1:{port}", "--out", tmp_path / "run", "--no-fit")
         assert result.returncode == 69
         assert str(port) in result.stderr + result.stdout
         assert not (tmp_path / "run").exists()
         (tmp_path / "mine").mkdir()
         (tmp_path / "mine" / "notes.txt").write_text("kept")
         for folder in ("mine", "new/folder"):
-            words = ("--monitor-only",) if folder == "mine" else ("--amplitude", "0.1", "--fri-version", "auto")
+            words = ("--monitor-only",) if folder == "mine" else (motion, "--amplitude", "0.1", "--fri-version", "auto")
             assert iiwa_ident("run", *words, "--bind", f"127.0.0.1:{port}", "--out", tmp_path / folder).returncode == 69
+    motion.unlink()
     assert [file.name for file in tmp_path.rglob("*")] == ["mine", "notes.txt"]
 
 
 def test_a_robot_whose_version_nobody_heard_leaves_no_folder(tmp_path: Path) -> None:
     bind = f"127.0.0.1:{free_udp_port()}"
     words = ("--no-fit", "--fri-version", "auto", "--start-timeout", 0.1)
-    assert iiwa_ident("run", "--bind", bind, "--out", tmp_path / "run", *words).returncode == 69
-    assert not list(tmp_path.iterdir())
+    motion = short_trajectory(tmp_path / "short.json")
+    assert iiwa_ident("run", motion, "--bind", bind, "--out", tmp_path / "run", *words).returncode == 69
+    assert list(tmp_path.iterdir()) == [motion]
 
 
 def test_no_robot_is_said_after_the_time_allowed(tmp_path: Path) -> None:
-    result = iiwa_ident(
-        "run", "--bind", f"127.0.0.1:{free_udp_port()}", "--out", tmp_path / "run", "--no-fit", "--start-timeout", 1
-    )
+    motion, bind = short_trajectory(tmp_path / "short.json"), f"127.0.0.1:{free_udp_port()}"
+    result = iiwa_ident("run", motion, "--bind", bind, "--out", tmp_path / "run", "--no-fit", "--start-timeout", 1)
     assert result.returncode == 69
     assert "Traceback" not in result.stderr
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_before_anything_is_recorded_leaves_no_folder(number: signal.Signals, tmp_path: Path) -> None:
-    bind = f"127.0.0.1:{free_udp_port()}"
-    process = start_iiwa_ident("run", "--bind", bind, "--out", tmp_path / "run", "--no-fit", "--fri-version", "auto")
+    motion, bind = short_trajectory(tmp_path / "short.json"), f"127.0.0.1:{free_udp_port()}"
+    words = ("--bind", bind, "--out", tmp_path / "run", "--no-fit", "--fri-version", "auto")
+    process = start_iiwa_ident("run", motion, *words)
     assert process.stdout is not None
     while "Listening which FRI version" not in process.stdout.readline():
         assert process.poll() is None
     process.send_signal(number)
     process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130
-    assert not list(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [motion]
 
 
 @pytest.mark.parametrize("command", ["fit", "import", "recover"])
