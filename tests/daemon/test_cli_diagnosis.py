@@ -31,6 +31,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot
 from tests.daemon.command_line import run
 from tests.identification.mismatch.plant import on_joint, record
+from tests.short_motion import short_trajectory
 
 STIFFNESS, REST = 2.0, 0.3
 
@@ -326,7 +327,8 @@ def test_run_hands_the_wish_for_a_diagnosis_to_the_acquisition(
         raise ConfigurationError("enough")
 
     monkeypatch.setattr("daemon.run.service.run_acquisition", stop_here)
-    words = ("run", "--out", str(tmp_path / "run"), "--heldout", str(logs[1]))
+    motion = str(short_trajectory(tmp_path / "short.json"))
+    words = ("run", motion, "--out", str(tmp_path / "run"), "--heldout", str(logs[1]))
     assert run(*words, "--diagnose") == ConfigurationError.exit_code
     assert (asked[0].diagnose, asked[0].heldout) == (True, (str(logs[1]),))
     assert run(*words) == 2
@@ -336,6 +338,6 @@ def test_run_hands_the_wish_for_a_diagnosis_to_the_acquisition(
     (tmp_path / "earlier").mkdir()
     log = tmp_path / "earlier" / "recording.mcap"
     log.write_bytes(b"")
-    words = ("run", "--out", str(tmp_path / "run"), "--heldout", str(log.parent), "--diagnose")
+    words = ("run", motion, "--out", str(tmp_path / "run"), "--heldout", str(log.parent), "--diagnose")
     assert run(*words) == ConfigurationError.exit_code
     assert asked[1].heldout == (str(log),)

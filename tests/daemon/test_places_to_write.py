@@ -10,6 +10,7 @@ import pytest
 
 from daemon.cli.app import main
 from tests.ports import free_udp_port
+from tests.short_motion import short_trajectory
 
 
 def run(*words: str) -> int:
@@ -79,7 +80,13 @@ def test_a_folder_whose_name_is_no_text_is_said_before_anything_begins(
     port = free_udp_port()
     (tmp_path / "service.yaml").write_text(json.dumps({"fri": {"bind_port": port}}))
     words = {
-        "run": ["--start-timeout", "0.1", "--bind", f"127.0.0.1:{port}"],
+        "run": [
+            str(short_trajectory(tmp_path / "short.json")),
+            "--start-timeout",
+            "0.1",
+            "--bind",
+            f"127.0.0.1:{port}",
+        ],
         "daemon": ["--config", str(tmp_path / "service.yaml")],
     }[command]
     assert run(command, *words) == 78
@@ -89,5 +96,5 @@ def test_a_folder_whose_name_is_no_text_is_said_before_anything_begins(
 
 def test_a_folder_that_is_not_there_yet_is_made_for_the_result(tmp_path: Path) -> None:
     file = tmp_path / "new" / "folder" / "found.json"
-    assert run("check", "--amplitude", "0.1", "--json", str(file)) == 0
+    assert run("check", str(short_trajectory(tmp_path / "short.json")), "--json", str(file)) == 0
     assert json.loads(file.read_text())["safe"] is True

@@ -228,15 +228,16 @@ def test_known_noise_is_used_and_misfit_takes_its_place_only_where_it_stands_out
 # The robot: 57 parameters, torque by Pinocchio
 
 
-def iiwa_recording(*, delay: np.ndarray | float = 0.0, seed: int = 1) -> Recording:
-    """Four periods of the random motion with a little noise; each joint's torque later by its delay (s)."""
+def iiwa_recording(*, delay: np.ndarray | float = 0.0, seed: int = 1, periods: int = 4) -> Recording:
+    """Periods of the random motion with a little noise; each joint's torque later by its delay (s)."""
     samples, period_s = 2000, 10.0
     q, dq, ddq = fourier_motion(7, period_s=period_s, samples=samples, seed=seed)
     torque = inverse_dynamics(load_robot("iiwa14"), table_three(), q, dq, ddq)
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(samples, period_s / samples)[:, None] * delay)
     torque = np.fft.irfft(np.fft.rfft(torque, axis=0) * turn, n=samples, axis=0)
-    noise = np.random.default_rng(seed).normal(scale=0.05, size=(4 * samples, 7))
-    return recording_of(np.tile(q, (4, 1)), np.tile(torque, (4, 1)) + noise, period_s=period_s, periods=4)
+    noise = np.random.default_rng(seed).normal(scale=0.05, size=(periods * samples, 7))
+    measured = np.tile(torque, (periods, 1)) + noise
+    return recording_of(np.tile(q, (periods, 1)), measured, period_s=period_s, periods=periods)
 
 
 @pytest.mark.parametrize("pipeline", ["periodic", "aperiodic"])
@@ -311,7 +312,7 @@ def test_without_delay_none_is_claimed() -> None:
 
 def test_huber_survives_outliers_with_and_without_periods() -> None:
     robot = load_robot("iiwa14")
-    clean = iiwa_recording()
+    clean = iiwa_recording(periods=2)
     generator = np.random.default_rng(4)
     wild = generator.random(clean.torque.shape) < 0.02
     spoiled = replace(clean, torque=clean.torque + np.where(wild, generator.normal(scale=3.0, size=wild.shape), 0.0))
@@ -332,7 +333,7 @@ def test_instruments_take_away_the_bias_that_position_noise_makes() -> None:
     """White position noise of 0.5 mrad, differentiated twice below 10 Hz: the mean error of some draws is the bias."""
     robot = load_robot("iiwa14")
     errors: dict[str, list[np.ndarray]] = {"weighted": [], "instrumental": []}
-    clean = iiwa_recording()
+    clean = iiwa_recording(periods=2)
     for seed in range(4):
         noise = np.random.default_rng(900 + seed).normal(scale=5e-4, size=clean.position.shape)
         noisy = replace(clean, position=clean.position + noise, command_position=clean.position)
@@ -359,7 +360,7 @@ def test_halves_of_the_periods_serve_as_instruments_and_the_stated_deviation_hol
 
 
 def test_instruments_need_a_second_measurement_of_the_motion() -> None:
-    recording = iiwa_recording()
+    recording = iiwa_recording(periods=1)
     settings = FitSettings(physical=False, estimator="instrumental", pipeline="aperiodic")
     with pytest.raises(EstimationError, match="commanded position"):
         fit_recordings([recording], load_robot("iiwa14"), settings)

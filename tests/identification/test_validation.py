@@ -26,20 +26,26 @@ NOISE_NM = 0.05
 
 @pytest.fixture(scope="module")
 def recordings() -> list[Recording]:
+    """Three runs in folders of their own, each with a motion of its own."""
     made = []
-    for seed in (1, 2, 3):
+    for seed, name in ((1, "first"), (2, "second"), (3, "third")):
         q, dq, ddq = fourier_motion(7, period_s=10.0, samples=1000, seed=seed)
         torque = inverse_dynamics(load_robot("iiwa14"), table_three(), q, dq, ddq)
         torque += np.random.default_rng(seed).normal(scale=NOISE_NM, size=torque.shape)
-        made.append(recording_of(q, torque, period_s=10.0))
+        recording = recording_of(q, torque, period_s=10.0)
+        made.append(replace(recording, source=replace(recording.source, path=f"runs/{name}/recording.mcap")))
     return made
 
 
-def test_each_recording_is_scored_by_the_fit_of_the_others(recordings: list[Recording]) -> None:
-    robot = load_robot("iiwa14")
-    table = cross_validate(recordings, robot, BASE_ONLY)
+@pytest.fixture(scope="module")
+def table(recordings: list[Recording]) -> RmsTable:
+    return cross_validate(recordings, load_robot("iiwa14"), BASE_ONLY)
+
+
+def test_each_recording_is_scored_by_the_fit_of_the_others(recordings: list[Recording], table: RmsTable) -> None:
     assert len(table.rows) == 4
-    alone = validate_model(fit_recordings(recordings[::2], robot, BASE_ONLY), recordings[1:2])
+    fitted = fit_recordings(recordings[::2], load_robot("iiwa14"), BASE_ONLY)
+    alone = validate_model(fitted, recordings[1:2])
     np.testing.assert_allclose(table.rows[1].rms_nm, alone.rows[0].rms_nm)
     together = np.sqrt(np.mean([row.rms_nm**2 for row in table.rows[:3]], axis=0))
     np.testing.assert_allclose(table.row("all left out, base").rms_nm, together)
@@ -55,12 +61,7 @@ def test_a_recording_unlike_the_others_shows_where_it_is_left_out(recordings: li
     assert max(row.rms_nm[4] for row in table.rows[:2]) < 0.3
 
 
-def test_logs_of_the_same_name_are_told_apart_by_their_folders(recordings: list[Recording]) -> None:
-    runs = [
-        replace(item, source=replace(item.source, path=f"runs/{name}/recording.mcap"))
-        for item, name in zip(recordings, ("first", "second", "third"), strict=True)
-    ]
-    table = cross_validate(runs, load_robot("iiwa14"), BASE_ONLY)
+def test_logs_of_the_same_name_are_told_apart_by_their_folders(table: RmsTable) -> None:
     assert [row.label for row in table.rows[:2]] == ["first/recording.mcap, base", "second/recording.mcap, base"]
 
 
