@@ -16,8 +16,10 @@ search leaps over samples only where that bound stays above the smallest distanc
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TypeVar
 
 import coal
@@ -227,19 +229,20 @@ def _parts(path: FloatArray, geometry: RobotGeometry) -> list[_Part]:
     rotations, origins = geometry.link_poses(path)
     parts = []
     for capsule in geometry.capsules:
-        start, end = np.array(capsule.start_m), np.array(capsule.end_m)
-        length = float(np.linalg.norm(end - start))
-        align = _turn_z_to((end - start) / length) if length > 0.0 else np.eye(3)
-        parts.append(
-            _Part(
-                capsule,
-                coal.Capsule(capsule.radius_m, length),
-                rotations[:, capsule.link] @ align,
-                origins[:, capsule.link] + rotations[:, capsule.link] @ ((start + end) / 2.0),
-                geometry.reach(capsule),
-            )
-        )
+        shape, turn, center = _in_its_link(capsule)
+        there = rotations[:, capsule.link]
+        centers = origins[:, capsule.link] + there @ center
+        parts.append(_Part(capsule, shape, there @ turn, centers, geometry.reach(capsule)))
     return parts
+
+
+@cache
+def _in_its_link(capsule: Capsule) -> tuple[coal.Capsule, FloatArray, FloatArray]:
+    """The body along z, and in the link's frame its rotation (3, 3) and its centre (3,)."""
+    start, end = np.array(capsule.start_m), np.array(capsule.end_m)
+    length = float(np.linalg.norm(end - start))
+    turn = _turn_z_to((end - start) / length) if length > 0.0 else np.eye(3)
+    return coal.Capsule(capsule.radius_m, length), turn, (start + end) / 2.0
 
 
 def _beyond_the_flange(tool: _Part) -> _Part:
@@ -270,6 +273,7 @@ def _turn_z_to(direction: FloatArray) -> FloatArray:
 def _distance(first: _Part, second: _Part | tuple[coal.Box, coal.Transform3s]) -> Callable[[int], float]:
     request, result = coal.DistanceRequest(), coal.DistanceResult()
 
+    @cache  # a short path is looked at in every row first, and then once more from row to row
     def between(row: int) -> float:
         result.clear()
         shape, pose = (second.shape, second.pose(row)) if isinstance(second, _Part) else second
@@ -285,7 +289,8 @@ def _travel(steps: FloatArray, reach: FloatArray) -> FloatArray:
 
 def _search(distance: Callable[[int], float], travel: FloatArray) -> tuple[float, float, int]:
     """Smallest distance, its bound for the continuous path, and its row; looks only where the bound asks for it."""
-    last = travel.size - 1
+    travelled = travel.tolist()  # numbers of Python: asked for one by one, they cost a fraction of an array's
+    last = len(travelled) - 1
     best_row, best = min(((row, distance(row)) for row in range(0, last + 1, max(1, last // 16))), key=lambda x: x[1])
     guaranteed = best
     row, here = 0, distance(0)
@@ -295,10 +300,10 @@ def _search(distance: Callable[[int], float], travel: FloatArray) -> tuple[float
         if row == last:
             return best, min(guaranteed, best), best_row
         # Furthest row that the motion bound still keeps above best - resolution.
-        ahead = int(np.searchsorted(travel, travel[row] + here - best + _RESOLUTION_M, side="right")) - 1
+        ahead = bisect_right(travelled, travelled[row] + here - best + _RESOLUTION_M) - 1
         following = min(last, max(row + 1, ahead))
         there = distance(following)
-        guaranteed = min(guaranteed, (here + there - float(travel[following] - travel[row])) / 2.0)
+        guaranteed = min(guaranteed, (here + there - (travelled[following] - travelled[row])) / 2.0)
         row, here = following, there
 
 
