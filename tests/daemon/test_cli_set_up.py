@@ -21,6 +21,7 @@ from identification.mismatch.set_up import set_up_checks
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.recordings.recording import Finding
+from identification.recordings.units import wrong_torque_unit
 from identification.robots import load_robot
 from tests.daemon.command_line import run
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
@@ -312,12 +313,9 @@ def test_four_arms_on_one_body_are_not_as_long_as_all_of_them_together(tmp_path:
             parent = child
     (tmp_path / "torso.urdf").write_text(f'<robot name="torso">{"".join(links)}{"".join(joints)}</robot>')
     robot = load_robot(tmp_path / "torso.urdf")
-    phase = np.arange(4000)[:, None] * 0.005 * np.linspace(0.8, 2.1, robot.n)
-    torque = 20.0 * np.cos(phase)
-    np.savez(tmp_path / "torso.npz", t=0.005 * np.arange(4000), q=0.5 * np.sin(phase), tau=torque, robot="torso.urdf")
-    checks = set_up_checks([read_recording(tmp_path / "torso.npz")], robot, ())
-    (units,) = (each for each in checks if each.name == "units")
-    assert units.status == "ok", units.sentence
+    for gravity_acts in (False, True):
+        assert not wrong_torque_unit(20.0, robot, gravity_acts=gravity_acts)
+    assert wrong_torque_unit(0.02, robot, gravity_acts=True).endswith("Are they in kNm?")
 
 
 def joint_of(name: str, parent: str, child: str, offset: float) -> str:

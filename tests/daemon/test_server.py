@@ -202,7 +202,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
 
 
 def test_a_finished_run_is_fitted_and_a_fit_survives_the_service(tmp_path: Path) -> None:
-    trajectory = short_trajectory(tmp_path / "short.json", scale=0.15, offset=None)
+    trajectory = short_trajectory(tmp_path / "short.json", period_s=1.0, scale=0.1)
     with service(tmp_path) as running:
         with fake_robot(running.port, "--json", tmp_path / "robot.json"):
             job = submit(running, trajectory, periods=3, fit=True)
