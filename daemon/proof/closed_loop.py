@@ -24,7 +24,8 @@ from daemon.investigate.motions import FIRST_PERIODS, SECOND_PERIODS
 from daemon.investigate.states import State
 from daemon.investigate.story import write_story
 from daemon.motion.preparation import check_table
-from daemon.proof.prove import LineProcess, opened, page_name
+from daemon.proof.prove import LineProcess, page_name
+from daemon.seal import opened
 from identification.excitation import (
     Trajectory,
     default_trajectory,

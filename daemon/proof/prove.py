@@ -8,7 +8,6 @@ recordings are diagnosed, and checks it when the label is opened.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import math
 import os
@@ -25,8 +24,9 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from daemon.errors import ProofProcessError, SealBrokenError
+from daemon.errors import ProofProcessError
 from daemon.proof.score import CaseScore, score_case
+from daemon.seal import opened
 
 GENERATOR = ("-m", "fixtures.cases", "--serve")
 WORKER = ("-m", "daemon.proof.worker")
@@ -238,14 +238,6 @@ def _diagnose_blind(
         shutil.move(page, pages / page_name(index))
     shutil.rmtree(folder)
     return {"index": index, "name": name, "commitment": drawn["commitment"], "answer": answer}
-
-
-def opened(name: str, commitment: str, seal: dict[str, str]) -> dict[str, Any]:
-    """The label of a case. Raises SealBrokenError where it is not the one whose hash was published."""
-    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != commitment:
-        raise SealBrokenError(name)
-    label: dict[str, Any] = json.loads(seal["label"])
-    return label
 
 
 def _scored(case: dict[str, Any], label: dict[str, Any], bare: dict[str, Any] | None) -> ProvenCase:

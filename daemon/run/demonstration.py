@@ -6,7 +6,6 @@ parameters are read from the file it writes when it ends, after the diagnosis is
 
 from __future__ import annotations
 
-import hashlib
 import json
 import signal
 import socket
@@ -22,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunEvent, RunOutcome
-from daemon.errors import ChildProcessFailedError, SealBrokenError
+from daemon.errors import ChildProcessFailedError
 from daemon.folders import make_folder
 from daemon.motion.preparation import PreparedMotion, write_run_request
 from daemon.run.service import run_acquisition
+from daemon.seal import opened
 from identification.base_parameters import BaseRegressor
 from identification.physical_parameters import PhysicalParameters
 
@@ -83,10 +83,7 @@ def _published(process: subprocess.Popen[bytes], log: Path) -> str:
 def opened_effect(summary: Path, commitment: str) -> dict[str, Any]:
     """The hidden effect's label from a fake robot's summary. Raises SealBrokenError if its hash is not `commitment`."""
     seal = json.loads(summary.read_text(encoding="utf-8"))["seal"]
-    if hashlib.sha256((seal["salt"] + seal["label"]).encode()).hexdigest() != commitment:
-        raise SealBrokenError(str(summary))
-    label: dict[str, Any] = json.loads(seal["label"])
-    return label
+    return opened(str(summary), commitment, seal)
 
 
 def log_tail(file: Path) -> str:

@@ -103,11 +103,12 @@ class PayloadDeviations:
 
 def payload_deviations(
     robot: RobotModel, trajectory: Trajectory, seconds: float, *, noise_nm: FloatArray | None = None,
-    colour: NoiseColour | None = None, rate_hz: float = 100.0,
+    colour: NoiseColour | None = None,
 ) -> PayloadDeviations:  # fmt: skip
     """σ from two runs of so many seconds, with and without; noise_nm, colour: as `predict_deviations` takes them."""
     noise, kind = torque_noise(robot, noise_nm), colour or NoiseColour()
     base = BaseMatrix(robot)
+    rate_hz = 100.0
     times = np.arange(round(rate_hz * trajectory.period_s)) / rate_hz
     samples = base.samples(*trajectory.evaluate(times))
     term = PayloadTerm.of(robot, noise)

@@ -21,6 +21,7 @@ from daemon.proof import prove as proof
 from daemon.proof.page import proof_page
 from daemon.proof.score import CaseScore, score_case
 from daemon.proof.table import Rate, confusion, negatives, summary, targets, visibility_for, wrong_answers
+from daemon.seal import opened
 from fixtures.cases.plan import plan_of
 from identification.report.page import render
 
@@ -303,7 +304,7 @@ def test_a_label_that_was_changed_after_sealing_voids_the_proof() -> None:
     text = json.dumps({"group": "negative"})
     commitment = hashlib.sha256(("salt" + text).encode()).hexdigest()
     with pytest.raises(SealBrokenError, match="void"):
-        proof.opened("a", commitment, {"salt": "salt", "label": text.replace("negative", "single")})
+        opened("a", commitment, {"salt": "salt", "label": text.replace("negative", "single")})
 
 
 def test_a_worker_that_dies_costs_its_case_and_no_other(tmp_path: Path) -> None:
