@@ -13,14 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from identification.mismatch import explained
 from identification.mismatch.aperiodic_evidence import default_split
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
-from identification.mismatch.prepared import prepare
+from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.second_encoder import compare_encoders
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.model_file import read_model, write_model
 from identification.recording_fit import FitSettings, fit_recordings
@@ -220,6 +223,44 @@ def test_one_bad_class_takes_no_class_of_another_joint_with_it(
 
 def test_the_model_of_the_panda_with_classes_is_better_on_every_joint(panda: TwoThirds) -> None:
     assert better_everywhere(panda.diagnosis).mean() < 0.8
+
+
+@pytest.fixture(scope="module")
+def ur10() -> tuple[Diagnosis, Dependence]:
+    """The diagnosis of the whole recording, and on what its torque was found to depend."""
+    found: list[Dependence] = []
+
+    def kept(*roles: Prepared) -> Dependence:
+        found.append(find_dependence(*roles))
+        return found[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(explained, "find_dependence", kept)
+        diagnosis = diagnose([read_recording(recording_file("ur10.npz"))], load_robot(recording_file("ur10_mdh.csv")))
+    (only,) = found
+    return diagnosis, only
+
+
+def test_the_nominal_model_of_the_ur10_is_as_good_as_its_fit(ur10: tuple[Diagnosis, Dependence]) -> None:
+    """It left three to seven times as much: bands that misfit most counted least, until they misfitted more."""
+    recording, robot = read_recording(recording_file("ur10.npz")), load_robot(recording_file("ur10_mdh.csv"))
+    fitted = fit_recordings([recording], robot, FitSettings(physical=False)).rms.row("fit, base").rms_nm
+    found = ur10[0]
+    np.testing.assert_allclose(found.baseline.rms_nm, fitted, rtol=1e-9)
+    assert found.heldout is not None
+    # A third of the rows were not fitted; the plain fit of the others leaves little more there.
+    assert np.all(np.asarray(found.heldout.rms_before_nm) < 2.0 * fitted)
+
+
+def test_a_smooth_error_of_one_joint_alone_is_no_background_of_the_ur10(ur10: tuple[Diagnosis, Dependence]) -> None:
+    """All but one of the joints that held one lose it as it predicts nothing; the last hid friction of five joints."""
+    alone = ur10[1].alone
+    smooth = [
+        joint
+        for joint, state in enumerate(alone.states)
+        if any(CLASSES[number].background for number in alone.classes(joint, state))
+    ]
+    assert len(smooth) != 1
 
 
 def test_what_is_found_on_two_thirds_of_the_ur10_lowers_the_error_of_every_joint_on_the_last(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from identification.audit.turned import turned_joint
 from identification.errors import RecordingError
 from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import examine_set_up
-from identification.model_file import read_model, write_model
+from identification.model_file import Model, read_model, write_model
 from identification.recording_fit import fit_recordings
 from identification.recordings import Recording, read_recording
 from identification.robots import RobotModel, load_robot
@@ -119,12 +119,20 @@ def test_a_turned_joint_of_a_real_arm_is_named() -> None:
     assert (found.joint, found.with_torque) == (2, True)
 
 
+@pytest.fixture(scope="module")
+def ur10_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    recording, robot = measured("ur10.npz")
+    file = tmp_path_factory.mktemp("ur10") / "model.json"
+    return read_model(write_model(fit_recordings([recording], robot).to_model_json(), file))
+
+
 @pytest.mark.parametrize("joint", [None, 2, 3, 4, 6])
-def test_beside_a_model_of_the_arm_a_turned_joint_is_named_and_nothing_else(joint: int | None, tmp_path: Path) -> None:
+def test_beside_a_model_of_the_arm_a_turned_joint_is_named_and_nothing_else(
+    joint: int | None, ur10_model: Model
+) -> None:
     """27 kg less on link 3, another body of link 3 or 5, and an offset of joint 6 were named."""
     recording, robot = measured("ur10.npz")
-    model = read_model(write_model(fit_recordings([recording], robot).to_model_json(), tmp_path / "model.json"))
-    found = audit([recording if joint is None else turned(recording, joint, "position", "torque")], robot, model)
+    found = audit([recording if joint is None else turned(recording, joint, "position", "torque")], robot, ur10_model)
     said = [(item.effect, item.joints) for item in found.differences]
     assert said == ([] if joint is None else [("wrong_joint_order", (joint,))])
     assert found.holds

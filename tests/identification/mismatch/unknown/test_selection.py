@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
-from identification.mismatch import diagnosis, explained
 from identification.mismatch.aperiodic_evidence import default_split
-from identification.mismatch.prepared import Prepared, prepare
+from identification.mismatch.prepared import prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown import choice
 from identification.mismatch.unknown.choice import eliminated, exchange
-from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.dependence import Dependence, find_dependence
 from identification.mismatch.unknown.rows import build_rows
 from identification.mismatch.unknown.selection import Selection
 from identification.physical_parameters import PhysicalParameters
@@ -43,25 +40,6 @@ def test_what_is_held_stands_also_where_every_exchange_seems_better(
     standing = selection.families(2, selection.states[2])
     assert selection.held
     assert [item.number for item in selection.held] == list(standing)
-
-
-def test_a_smooth_error_of_one_joint_alone_is_no_background_of_the_ur10(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All but one of the joints that held one lose it as it predicts nothing; the last hid friction of five joints."""
-    found: list[Dependence] = []
-
-    def kept(*roles: Prepared) -> Dependence:
-        found.append(find_dependence(*roles))
-        return found[-1]
-
-    monkeypatch.setattr(explained, "find_dependence", kept)
-    diagnosis.diagnose([read_recording(recording_file("ur10.npz"))], load_robot(recording_file("ur10_mdh.csv")))
-    (only,) = found
-    smooth = [
-        joint
-        for joint, state in enumerate(only.alone.states)
-        if any(CLASSES[number].background for number in only.alone.classes(joint, state))
-    ]
-    assert len(smooth) != 1
 
 
 def test_noise_that_is_not_measured_is_what_stays_of_rows_that_were_not_fitted() -> None:
