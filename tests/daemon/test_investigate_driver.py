@@ -5,7 +5,10 @@ Truth: a post in the way of the shipped excitation, at the place of the tool's t
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,11 +21,30 @@ from daemon.investigate.account import Motion, read_account
 from daemon.investigate.driver import FriDriver
 from daemon.investigate.states import State
 from daemon.json_files import write_json
+from daemon.motion import preparation
 from daemon.motion.preparation import PreparedMotion, prepare_motion
 from daemon.queue.investigation_step import ORDER_NAME, Order
 from daemon.stop_handle import StopHandle
+from safety.preflight import preflight
+from safety.preflight_report import PreflightReport
 from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import begun, investigation
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _a_motion_in_a_room_is_looked_at_once() -> Iterator[None]:
+    """Most commands here ask for the preflight of the shipped motion, which has one answer in one room."""
+    known: dict[bytes, PreflightReport] = {}
+
+    def once(*asked: Any, **more: Any) -> PreflightReport:
+        key = pickle.dumps((asked, more))
+        if key not in known:
+            known[key] = preflight(*asked, **more)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(preparation, "preflight", once)
+        yield
 
 
 @pytest.fixture(scope="module")
