@@ -27,8 +27,7 @@ def recorded(folder: Path, name: str, *options: object, load: tuple[float, ...] 
     )
     (folder / "motion.json").write_text(json.dumps(motion.to_json()))
     physics, port = folder / f"{name}.yaml", free_udp_port()
-    start = motion.table(1000.0)[0].tolist()  # so that the start ramp is short
-    physics.write_text(f"load_kg_m: {list(load)}\ncabinet_load_kg_m: {list(load)}\ninitial_position_rad: {start}\n")
+    physics.write_text(f"load_kg_m: {list(load)}\ncabinet_load_kg_m: {list(load)}\n")
     seed = sum(map(ord, name))
     with fake_robot(port, folder / f"{name}.json", "--lockstep", "--seed", seed, "--physics", physics):
         result = iiwa_ident(
