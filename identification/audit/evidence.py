@@ -58,9 +58,10 @@ def products_of(columns: FloatArray, target: FloatArray, used: BoolArray, part: 
     square, count = np.zeros((parts, n)), np.zeros((parts, n))
     for joint in range(n):
         live = np.flatnonzero(columns[:, joint].any(axis=0))
+        alive = columns[:, joint, live]
         for place in range(parts):
             rows = (part == place) & used[:, joint]
-            own, seen = columns[rows][:, joint][:, live], target[rows, joint]
+            own, seen = alive[rows], target[rows, joint]
             gram[place, joint][np.ix_(live, live)] = own.T @ own
             right[place, joint, live] = own.T @ seen
             square[place, joint], count[place, joint] = seen @ seen, rows.sum()

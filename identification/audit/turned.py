@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from identification.arrays import FloatArray
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN
@@ -69,14 +67,13 @@ def turned_joint(
         return None
     rows = stated.rows
     # A torque that alone has the wrong sign is a rival, and `data_faults` names it.
-    torques = [rows.torque * np.where(np.arange(robot.n) == joint, -1.0, 1.0) for joint in range(robot.n)]
-    rivals = [Directions.of(Geometry(robot, rows), torque) for torque in torques]
+    as_it_stands = Directions.of(Geometry(robot, rows), rows.torque)
     best: TurnedJoint | None = None
     for joint in range(robot.n):
-        geometry = Geometry(robot, rows.turned(joint, with_torque=False))
+        turned = Directions.of(Geometry(robot, rows.turned(joint, with_torque=False)), rows.torque)
         for with_torque in (False, True):
-            other = Directions.of(geometry, torques[joint] if with_torque else rows.torque)
-            gain = stated.gain_of(other, max(least_gain, LEAST_GAIN), rivals[joint])
+            other = turned.with_torque_turned(joint) if with_torque else turned
+            gain = stated.gain_of(other, max(least_gain, LEAST_GAIN), as_it_stands.with_torque_turned(joint))
             # Readings are held against each other by what each gains on the signs as stated, not on its own rival.
             if gain is not None and (best is None or gain > best.gain):
                 best = TurnedJoint(joint + 1, with_torque, gain)
