@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -206,28 +206,29 @@ def _blocks(recording: Recording, signals: ProcessedSignals, split: Split | None
         else:
             chosen = ~chosen
     step = float(time[1] - time[0])
+    stride = round(step / float(signals.time[1] - signals.time[0]))
+    operator_of = lru_cache(partial(_operator, signals, stride))
     blocks = []
     for first, last in runs_of(chosen).tolist():
         parts = max(1, round((last - first) * step / LONGEST_BLOCK_S))
         cuts = np.linspace(first, last, parts + 1).astype(int).tolist()
         for low, high in pairwise(cuts):
             if high - low >= FEWEST_ROWS:
-                blocks.append(_block(signals, low, high))
+                operator = operator_of(high - low)
+                blocks.append(Block(low, high, len(operator), low * stride, operator))
     return tuple(blocks)
 
 
-def _block(signals: ProcessedSignals, first: int, last: int) -> Block:
-    """Rows first … last with the operator that makes their lines, of the samples around them that the filter needs."""
+def _operator(signals: ProcessedSignals, stride: int, count: int) -> FloatArray:
+    """`Block.operator` of so many rows, `stride` samples apart: the same for all blocks of that length."""
     assert signals.row_time is not None
     cutoff = float(signals.facts["low_pass_hz"])
     step = float(signals.time[1] - signals.time[0])
-    stride = round(float(signals.row_time[1] - signals.row_time[0]) / step)
     edge = round(float(signals.row_time[0] - signals.time[0]) / step)
-    start, count = first * stride, last - first
     samples = 2 * edge + (count - 1) * stride + 1
     filtered = zero_phase_low_pass(np.eye(samples), step, cutoff)[edge : edge + (count - 1) * stride + 1 : stride]
     lines = min(count, int(2.0 * count * stride * step * cutoff) + 1)
-    return Block(first, last, lines, start, np.ascontiguousarray(dct(filtered, axis=0, norm="ortho")[:lines]))
+    return np.ascontiguousarray(dct(filtered, axis=0, norm="ortho")[:lines])
 
 
 def _evidence(
