@@ -55,20 +55,20 @@ class _Polynomial:
     def of(cls, motion: Motion, joint: int) -> _Polynomial:
         revolute = bool(motion.robot.kinematics.revolute[joint])
         places = _REVOLUTE_PLACES if revolute else _SLIDING_PLACES
-        unit, reference = np.eye(motion.n)[joint], links_of(motion)
+        unit, reference, measured = np.eye(motion.n)[joint], links_of(motion), chain_of(motion)
+        # What this joint's motion does by itself, its links feel alike at all places.
+        by_square, by_growth = measured.alone(joint, 1.0, 0.0), measured.alone(joint, 0.0, 1.0)
         parts = np.empty((4, places.size, motion.samples, motion.n))
         for number, place in enumerate(places):
-            chain = chain_of(motion).moved(joint, float(place))
-            still, ahead, back, growing = (
-                chain.backward(
-                    chain.forward(
-                        motion.velocity + rate * unit, motion.acceleration + growth * unit, motion.robot.gravity,
-                        joint, reference,
-                    )
-                ).torque
-                for rate, growth in ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
-            )  # fmt: skip
-            parts[:, number] = still, 0.5 * (ahead - back), 0.5 * (ahead + back) - still, growing - still
+            chain = measured.moved(joint, float(place))
+            still, ahead = (
+                chain.forward(velocity, motion.acceleration, motion.robot.gravity, joint, reference)
+                for velocity in (motion.velocity, motion.velocity + unit)
+            )
+            known, faster, square, growing = (
+                chain.backward(links).torque for links in (still, ahead, by_square, by_growth)
+            )
+            parts[:, number] = known, faster - known - square, square, growing
         solved = np.tensordot(parts, np.linalg.inv(_functions(revolute, places)), axes=(1, 0))
         return cls(revolute, solved.transpose(1, 2, 0, 3).reshape(motion.samples, motion.n, -1))
 

@@ -27,13 +27,13 @@ _INERTIAL_COUNT = 10
 
 
 class RigidTorque(NamedTuple):
-    """torque: (S, n) Nm. moment: (S, n, 3) Nm, what link i's parent exerts on it about joint i, in link i's frame.
+    """torque: (S, n) Nm. moments: n of (3, S) Nm, what link i's parent exerts on it about joint i, in link i's frame.
 
     base_force, base_moment: (3, S) N and Nm about the origin of the base, what the ground exerts on it, in its frame.
     """
 
     torque: FloatArray
-    moment: FloatArray
+    moments: list[FloatArray]
     base_force: FloatArray
     base_moment: FloatArray
 
@@ -85,7 +85,7 @@ def bending_moments(motion: Motion) -> FloatArray:
         axis = motion.robot.kinematics.axis[joint][:, None]
         round_inertia = np.eye(3) - axis @ axis.T
         inertial = round_inertia @ link.alpha + _cross(link.omega, round_inertia @ link.omega)
-        parts = (rigid_torque(motion).moment[:, joint].T, _cross(axis, link.linear), inertial)
+        parts = (rigid_torque(motion).moments[joint], _cross(axis, link.linear), inertial)
         result[:, joint] = np.stack([(across(axis[:, 0]) @ part).T for part in parts], axis=-1)
     return result
 
@@ -230,16 +230,25 @@ class _Chain:
             links.append(_Link(omega, alpha, linear, force, turning))
         return links
 
+    def alone(self, joint: int, rate: float, growth: float) -> list[_Link]:
+        """State of every link where one joint (from 0) moves at this rate and growth, all others rest, nothing weighs.
+
+        Wherever that joint stands: its link's state is told in the link's own frame.
+        """
+        samples = self.position.shape[1]
+        moving = np.tile(np.eye(self.kinematics.n)[joint], (samples, 1))
+        at_rest = [_Link(*np.zeros((5, 3, samples)))] * joint
+        return self.forward(rate * moving, growth * moving, np.zeros(3), joint, at_rest)
+
     def backward(self, links: list[_Link]) -> RigidTorque:
         """Torques and joint moments that give the links these states."""
         kinematics, samples = self.kinematics, links[0].force.shape[1]
-        torque, moment = np.empty((samples, kinematics.n)), np.empty((samples, kinematics.n, 3))
+        torque = np.empty((samples, kinematics.n))
         forces, moments = [link.force for link in links], [link.moment for link in links]
         base_force, base_moment = np.zeros((2, 3, samples))
         for joint in reversed(range(kinematics.n)):
             carried = moments[joint] if kinematics.revolute[joint] else forces[joint]
             torque[:, joint] = kinematics.axis[joint] @ carried
-            moment[:, joint] = moments[joint].T
             parent = int(kinematics.parent[joint])
             force = _out_of(self.rotation[joint], forces[joint])
             turned = _out_of(self.rotation[joint], moments[joint]) + _cross(self.arm[joint], force)
@@ -249,7 +258,7 @@ class _Chain:
             else:
                 base_force += force
                 base_moment += turned
-        return RigidTorque(torque, moment, base_force, base_moment)
+        return RigidTorque(torque, moments, base_force, base_moment)
 
     def axes_in_base(self, velocity: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
         """Joint axes and angular velocities of the links in the base frame, (3, S) each."""

@@ -32,12 +32,12 @@ def test_rigid_torque_and_joint_moments_equal_pinocchio(case: tuple[Motion, Phys
     motion, links = case
     model = pinocchio_model(motion.robot, links)
     data = model.createData()
-    torque, moment, base_force, base_moment = rigid_torque(motion)
+    torque, moments, base_force, base_moment = rigid_torque(motion)
     for sample in range(motion.samples):
         state = motion.position[sample], motion.velocity[sample], motion.acceleration[sample]
         np.testing.assert_allclose(torque[sample], pinocchio.rnea(model, data, *state), rtol=0.0, atol=1e-10)
         expected = [data.f[joint + 1].angular for joint in range(motion.n)]
-        np.testing.assert_allclose(moment[sample], expected, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose([own[:, sample] for own in moments], expected, rtol=0.0, atol=1e-10)
         on_base = data.liMi[1].act(data.f[1])
         np.testing.assert_allclose(base_force[:, sample], on_base.linear, rtol=0.0, atol=1e-10)
         np.testing.assert_allclose(base_moment[:, sample], on_base.angular, rtol=0.0, atol=1e-10)
