@@ -159,6 +159,21 @@ class BaseRegressor:
             result[:, joint, column] = _extra_values(symbol, joint, dq, ddq, direction)
         return result
 
+    def torque(
+        self, values: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, direction: FloatArray | None = None
+    ) -> FloatArray:
+        """Torque (S, n) Nm of base parameters (p,), `matrix` times them without the matrix, which takes longer to write
+        than to compute. The rest as there.
+        """
+        if direction is None:
+            direction = direction_of(dq, self.options.coulomb_velocity)
+        result = np.empty((len(q), self.robot.n))
+        for rows, columns in rigid_body_columns(self.robot, q, dq, ddq, self._wanted):
+            result[rows] = np.tensordot(values[self._inertial_columns], columns, 1).T
+        for column, symbol, joint in self._extra_columns:
+            result[:, joint] += values[column] * _extra_values(symbol, joint, dq, ddq, direction)
+        return result
+
     def stacked(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, IntArray]:
         """The observation matrix (8) joint by joint: ((n S, p) column-major, joint of each row counted from 0).
 

@@ -63,7 +63,7 @@ def effects_shown(
     times = np.arange(samples) / 1000.0
     states = trajectory.evaluate(times)
     full = regressor.full_from_physical(nominal)
-    torque = regressor.matrix(*states) @ regressor.base_from_full(full)
+    torque = regressor.torque(regressor.base_from_full(full), *states)
     motion = Motion(regressor.robot, times, *states, torque, full, True, np.zeros(1))
     rows = planned_rows(motion, regressor, noise_nm, periods=periods)
     factor = (colour or NoiseColour()).row_factor(len(rows.noise), trajectory.period_s, 1000.0)

@@ -203,8 +203,8 @@ def _inertia_squared(block: Block, regressor: BaseRegressor, values: FloatArray)
     """(n, n) mean square over a stretch of each entry of the inertia matrix, kg² m⁴."""
     q = block.signals.position[:: max(1, len(block.signals.position) // INERTIA_SAMPLES)]
     still = np.zeros_like(q)
-    rest = regressor.matrix(q, still, still) @ values
-    columns = [regressor.matrix(q, still, still + unit) @ values - rest for unit in np.eye(q.shape[1])]
+    rest = regressor.torque(values, q, still, still)
+    columns = [regressor.torque(values, q, still, still + unit) - rest for unit in np.eye(q.shape[1])]
     return np.stack([(column**2).mean(axis=0) for column in columns], axis=1)
 
 

@@ -97,7 +97,7 @@ def bound_outliers(blocks: list[Block], values: FloatArray, regressor: BaseRegre
         return blocks
     stretches = {id(block): block.signals for block in open_blocks}
     models = {
-        key: regressor.matrix(item.position, item.velocity, item.acceleration) @ values
+        key: regressor.torque(values, item.position, item.velocity, item.acceleration)
         for key, item in stretches.items()
     }
     residuals = {key: item.torque - models[key] for key, item in stretches.items()}

@@ -116,7 +116,7 @@ def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
 def with_parameters(evidence: Evidence, regressor: BaseRegressor, values: FloatArray) -> Evidence:
     """The same evidence with the nominal torque and the dynamic parameters of other base parameters (p,)."""
     motion = evidence.motion
-    torque = regressor.matrix(motion.position, motion.velocity, motion.acceleration, motion.direction) @ values
+    torque = regressor.torque(values, motion.position, motion.velocity, motion.acceleration, motion.direction)
     full = np.linalg.pinv(regressor.regrouping) @ values
     return replace(evidence, motion=replace(motion, torque=torque, full_parameters=full))
 

@@ -225,7 +225,7 @@ def torque_along(
     The returned function takes anything with `time_s` and gives (n,) Nm; only repeatable effects are in it.
     """
     full = np.linalg.pinv(regressor.regrouping) @ values
-    torque = regressor.matrix(*states) @ values
+    torque = regressor.torque(values, *states)
     width = regressor.options.coulomb_velocity
     motion = Motion(regressor.robot, time, *states, torque, full, True, np.zeros(1), width)
     return _by_time(effects, motion, class_terms)

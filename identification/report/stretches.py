@@ -20,7 +20,6 @@ from identification.mismatch.figures import Spectrum, TimeSeries
 from identification.mismatch.findings import Diagnosis
 from identification.signals.processed import ProcessedSignals
 
-_CHUNK = 10_000
 _LONGEST_SEGMENT = 2048
 
 
@@ -78,7 +77,10 @@ def _of_series(name: str, series: TimeSeries, spectrum: Spectrum, floor: FloatAr
 
 
 def _stretch(fit: FitResult, name: str, parts: tuple[ProcessedSignals, ...]) -> Stretch:
-    differences = [part.torque - _modelled(fit, part) for part in parts]
+    differences = [
+        part.torque - fit.regressor.torque(fit.values, part.position, part.velocity, part.acceleration)
+        for part in parts
+    ]
     residuals = []
     for part, difference in zip(parts, differences, strict=True):
         evaluated = part.evaluate(difference)
@@ -100,17 +102,6 @@ def _stretch(fit: FitResult, name: str, parts: tuple[ProcessedSignals, ...]) -> 
         frequency=frequency,
         spectrum=spectrum,
         noise=noise,
-    )
-
-
-def _modelled(fit: FitResult, part: ProcessedSignals) -> FloatArray:
-    """(S, n) Nm of the base parameters, in chunks: the regressor of a long stretch is larger than its memory."""
-    states = (part.position, part.velocity, part.acceleration)
-    return np.concatenate(
-        [
-            fit.regressor.matrix(*(values[start : start + _CHUNK] for values in states)) @ fit.values
-            for start in range(0, len(part.time), _CHUNK)
-        ]
     )
 
 

@@ -100,9 +100,9 @@ def test_base_torque_equals_full_torque(
     q, dq, ddq = (generator.uniform(-2.0, 2.0, (50, 7)) for _ in range(3))
     inertial = torque_regressor(iiwa14, q, dq, ddq) @ table3.dynamic_parameters().ravel()
     friction = dq * table3.viscous + np.sign(dq) * table3.coulomb
-    np.testing.assert_allclose(
-        iiwa14_base.matrix(q, dq, ddq) @ iiwa14_base.base_from_physical(table3), inertial + friction, atol=1e-12
-    )
+    values = iiwa14_base.base_from_physical(table3)
+    for torque in (iiwa14_base.matrix(q, dq, ddq) @ values, iiwa14_base.torque(values, q, dq, ddq)):
+        np.testing.assert_allclose(torque, inertial + friction, atol=1e-12)
 
 
 def test_stacked_matrix_is_the_same_joint_by_joint(iiwa14_base: BaseRegressor) -> None:
