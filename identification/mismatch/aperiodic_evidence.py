@@ -351,18 +351,18 @@ def _with_weights(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
     By joint and band, unless that more than doubles the energy that weights by joint alone leave on some joint: there
     the bands that the model misfits count least and are misfitted the more, and what is left is the weights' own doing.
     """
-    alike, by_band = (_in_rounds(replace(evidence, noise_by_band=chosen)) for chosen in (False, True))
-    energy = [
-        ((item.torque - item.nominal @ fit_parameters([item])) ** 2 * item.used).sum(axis=0)
-        for item in (alike, by_band)
-    ]
-    chosen = alike if np.any(energy[1] > MOST_ENERGY * energy[0]) else by_band
-    return with_parameters(chosen, regressor, fit_parameters([chosen]))
-
-
-def _in_rounds(evidence: Evidence) -> Evidence:
     size = np.sqrt(np.mean(evidence.torque**2, axis=0))
     evidence = replace(evidence, noise=np.tile(np.maximum(size, 1e-12), (len(evidence.torque), 1)))
+    start = fit_parameters([evidence])
+    alike, by_band = (_in_rounds(replace(evidence, noise_by_band=chosen), start) for chosen in (False, True))
+    energy = [((item.torque - item.nominal @ values) ** 2 * item.used).sum(axis=0) for item, values in (alike, by_band)]
+    chosen, values = alike if np.any(energy[1] > MOST_ENERGY * energy[0]) else by_band
+    return with_parameters(chosen, regressor, values)
+
+
+def _in_rounds(evidence: Evidence, values: FloatArray) -> tuple[Evidence, FloatArray]:
+    """The evidence weighted in rounds, from base parameters (p,), and those that fit it then."""
     for _ in range(ROUNDS):
-        evidence = weighted_by(evidence, evidence.torque - evidence.nominal @ fit_parameters([evidence]))
-    return evidence
+        evidence = weighted_by(evidence, evidence.torque - evidence.nominal @ values)
+        values = fit_parameters([evidence])
+    return evidence, values
