@@ -177,7 +177,8 @@ def zero_phase_low_pass(values: FloatArray, step: float, cutoff_hz: float) -> Fl
     spectrum = np.fft.rfft(np.concatenate([before, values, after, last + share * (first - last)]), axis=0)
     ratio = np.tan(np.pi * np.fft.rfftfreq(length)) / np.tan(np.pi * cutoff_hz * step)
     gain = 1.0 / (1.0 + ratio ** (2 * FILTER_ORDER))
-    filtered = np.fft.irfft(spectrum * gain.reshape(-1, *[1] * (values.ndim - 1)), length, axis=0)
+    spectrum *= gain.reshape(-1, *[1] * (values.ndim - 1))
+    filtered = np.fft.irfft(spectrum, length, axis=0)
     return np.ascontiguousarray(filtered[padding : padding + samples])
 
 
