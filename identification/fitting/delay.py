@@ -106,7 +106,7 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     off and the rest measured, until it is small.
     """
     blocks = [block for block in blocks if block.fitted.any()]
-    rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
+    rates = _rates(blocks, regressor, values)
     joints = rates[0].shape[1]
     size = np.array([sum(float((rate[:, j] ** 2).sum()) for rate in rates) for j in range(joints)])
     moving = np.flatnonzero(size > _SMALLEST_SHARE * size.max(initial=0.0))
@@ -115,15 +115,16 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     if moving.size == 0:
         return TorqueDelay(unknown, unknown, per_joint, per_joint_std, unknown, unknown, nothing, nothing)
 
-    def taken_off(where: FloatArray, start: FloatArray, rounds: int = _MOST_ROUNDS) -> tuple[FloatArray, ...]:
-        return _taken_off(blocks, where, start, values, regressor, estimator, rounds)
+    def taken_off(where: FloatArray, start: FloatArray) -> list[_Round]:
+        return _taken_off(blocks, rates, where, start, regressor, estimator)
 
     every, at_once = np.ones((joints, 1)), np.zeros(1)
-    (common,), (common_std,), spread = taken_off(every, at_once)
+    rounds = taken_off(every, at_once)
+    (common,), (common_std,), spread = rounds[-1]
     periods = any(block.signals.row_time is None for block in blocks)
-    (first,), (first_std,), _ = ((common,), (common_std,), spread) if periods else taken_off(every, at_once, 1)
+    (first,), (first_std,), _ = rounds[-1 if periods else 0]
     # From far away a joint of its own may come to rest a turn of the highest line off.
-    own = taken_off(np.eye(joints)[:, moving], np.full(moving.size, common))
+    own = taken_off(np.eye(joints)[:, moving], np.full(moving.size, common))[-1]
     per_joint[moving], per_joint_std[moving], spread_per_joint = own
     return TorqueDelay(
         float(common), float(common_std), per_joint, per_joint_std, float(first), float(first_std), spread,
@@ -131,36 +132,45 @@ def estimate_delay(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     )  # fmt: skip
 
 
+_Round = tuple[FloatArray, FloatArray, FloatArray]
+"""(k,) delays and their σ, s, and the (p, p) covariance that base parameters have from them."""
+
+
 def _taken_off(
     blocks: list[Block],
+    rates: list[FloatArray],
     joints: FloatArray,
     start: FloatArray,
-    values: FloatArray,
     regressor: BaseRegressor,
     estimator: str,
-    rounds: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(k,) delays and their σ, s, and the (p, p) covariance that base parameters have from them.
+) -> list[_Round]:
+    """What each round finds, until what is left to be taken off is small.
 
-    joints: (n, k), ones where a delay acts. start: (k,) s, near the delays. values: (p,) base parameters to start with.
+    rates: of each block by the base parameters to start with (`_rates`). joints: (n, k), ones where a delay acts.
+    start: (k,) s, near the delays.
     """
-    total = np.where(np.abs(start) > SMALL_DELAY_S, start, 0.0)
-    for _ in range(rounds):
+    total, rounds = np.where(np.abs(start) > SMALL_DELAY_S, start, 0.0), list[_Round]()
+    while True:
         signals = [earlier(block.signals, joints @ total) if total.any() else block.signals for block in blocks]
         moved = [
             replace(block, torque=block.signals.project(item.torque))
             for block, item in zip(blocks, signals, strict=True)
         ]
-        rates = [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
         found = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
         values, late = found.values[: regressor.size], _MILLISECOND * found.values[regressor.size :]
         total = total + late
-        if np.abs(late).max() <= SMALL_DELAY_S:
-            break
-    beside = found.covariance[: regressor.size, regressor.size :]
-    own = found.covariance[regressor.size :, regressor.size :]
-    spread = beside @ np.linalg.solve(own, beside.T)
-    return total, _MILLISECOND * found.std[regressor.size :], 0.5 * (spread + spread.T)
+        beside = found.covariance[: regressor.size, regressor.size :]
+        own = found.covariance[regressor.size :, regressor.size :]
+        spread = beside @ np.linalg.solve(own, beside.T)
+        rounds.append((total, _MILLISECOND * found.std[regressor.size :], 0.5 * (spread + spread.T)))
+        if np.abs(late).max() <= SMALL_DELAY_S or len(rounds) == _MOST_ROUNDS:
+            return rounds
+        rates = _rates(blocks, regressor, values)
+
+
+def _rates(blocks: list[Block], regressor: BaseRegressor, values: FloatArray) -> list[FloatArray]:
+    """(R, n) `torque_rate` of each block, projected as its torque."""
+    return [block.signals.project(torque_rate(block, regressor, values)) for block in blocks]
 
 
 def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
@@ -203,10 +213,9 @@ def torque_rate(block: Block, regressor: BaseRegressor, values: FloatArray) -> F
     if signals.pipeline == "paper":
         return _line_by_line(signals.torque, _step(signals))
     if isinstance(block.evaluation, RowsOverTime) and all(block.evaluation.counts == len(signals.time)):
-        columns = [(packed, used) for packed, used, _ in block.evaluation.joints]
+        torque = np.column_stack([values[used] @ packed for packed, used, _ in block.evaluation.joints])
     else:
-        columns = regressor.joint_columns(signals.position, signals.velocity, signals.acceleration)
-    torque = np.column_stack([values[used] @ packed for packed, used in columns])
+        torque = regressor.torque(values, signals.position, signals.velocity, signals.acceleration)
     if signals.pipeline == "aperiodic":
         return np.asarray(np.gradient(torque, _step(signals), axis=0), dtype=np.float64)
     # A central difference would make 60 Hz at 250 Hz of sampling a third too small.
