@@ -13,7 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import direction_of, width_of
 from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
-from identification.mismatch.effects.dynamics import once_per_motion, rigid_torque, torque_derivatives
+from identification.mismatch.effects.dynamics import inertia_felt, once_per_motion, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import filtered, frequencies_of, time_derivative
 from identification.mismatch.motion import Motion
@@ -106,7 +106,7 @@ def _wound_up(
 
     measured_friction = friction(motion.velocity[:, joint])
     load = rigid[:, joint] + measured_friction
-    inertia = torque_derivatives(motion, joint).acceleration[:, joint]
+    inertia = inertia_felt(motion, joint)[:, joint]
     slowest, typical = (np.sqrt(abs(compliance) * max(float(value), 1e-9)) for value in (inertia.max(), inertia.mean()))
 
     frequency = np.abs(frequencies_of(motion))

@@ -94,20 +94,26 @@ def bending_moments(motion: Motion) -> FloatArray:
 def torque_derivatives(motion: Motion, joint: int) -> TorqueDerivatives:
     """∂τ/∂q_j, ∂τ/∂q̇_j and ∂τ/∂q̈_j of the rigid links; joint: j, from 0.
 
-    One-sided differences: exact in q̈; of step 1e-6 in q and q̇, error about 1e-6 of the derivative.
+    Exact in q̈; one-sided differences of step 1e-6 in q and q̇, error about 1e-6 of the derivative.
     """
     step, unit, chain = 1e-6, np.eye(motion.n)[joint], chain_of(motion)
-    q_dot, q_ddot, torque = motion.velocity, motion.acceleration, rigid_torque(motion).torque
 
-    def by(length: float, changed: _Chain, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        links = changed.forward(velocity, acceleration, motion.robot.gravity, joint, links_of(motion))
-        return (changed.backward(links).torque - torque) / length
+    def by(changed: _Chain, velocity: FloatArray) -> FloatArray:
+        links = changed.forward(velocity, motion.acceleration, motion.robot.gravity, joint, links_of(motion))
+        return (changed.backward(links).torque - rigid_torque(motion).torque) / step
 
     return TorqueDerivatives(
-        by(step, chain.moved(joint, step), q_dot, q_ddot),
-        by(step, chain, q_dot + step * unit, q_ddot),
-        by(1.0, chain, q_dot, q_ddot + unit),
+        by(chain.moved(joint, step), motion.velocity),
+        by(chain, motion.velocity + step * unit),
+        inertia_felt(motion, joint),
     )
+
+
+@once_per_motion
+def inertia_felt(motion: Motion, joint: int) -> FloatArray:
+    """∂τ/∂q̈_j, (S, n): a column of the inertia matrix along the motion; joint: j, from 0."""
+    chain = chain_of(motion)
+    return chain.backward(chain.alone(joint, 0.0, 1.0)).torque
 
 
 @once_per_motion
