@@ -54,7 +54,7 @@ class JointGram:
         chosen = [np.flatnonzero(self.group == number) for number in groups]
         kept = np.concatenate([*chosen, np.arange(self.columns, self.gram.shape[1])]).astype(np.int64)
         numbers = np.repeat(np.arange(len(groups)), [part.size for part in chosen])
-        return JointGram(np.ascontiguousarray(self.gram[:, kept[:, None], kept]), self.count, numbers)
+        return JointGram(self.gram.take(kept, axis=1).take(kept, axis=2), self.count, numbers)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
