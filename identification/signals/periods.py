@@ -7,7 +7,6 @@ noise (von Neumann: blind to slow drift). The two are never mixed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -32,7 +31,7 @@ TRANSIENT_FACTOR = 10.0
 _PARTS, _EXPLAINED, LARGEST_SHIFT_S, _LEAST_MOTION = 20, 0.5, 3e-3, 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class PeriodTable:
     """Position and torque laid out by period and sample, nan where a sample is missing.
 
@@ -88,15 +87,13 @@ class PeriodAverage:
         return self.period_s / int(self.position.shape[0])
 
 
-@lru_cache(maxsize=2)
 def period_table(recording: Recording) -> PeriodTable:
     """Lay a periodic recording out by period and sample.
 
     Labels that the run itself wrote are taken as they are. Labels by time stamps are refined: a stamp that is off the
     grid moves the value along the local slope onto it; rows that slide along the period are read at the moments of the
     grid by a spline. Of several periods, a first one that differs from the others ten times as much as they differ
-    among themselves (the transient of a start) is left out. A fit, its checks and its diagnosis ask in turns for the
-    tables of what is fitted and of what is held out: the last two are kept.
+    among themselves (the transient of a start) is left out.
     Raises RecordingError when the recording has no period labels, or the motion does not repeat with the stated period.
     """
     if recording.period_index is None or recording.sample_in_period is None:
@@ -151,7 +148,6 @@ def period_table(recording: Recording) -> PeriodTable:
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz, finer)
 
 
-@lru_cache(maxsize=2)
 def average_periods(table: PeriodTable) -> PeriodAverage:
     """Average over periods; a missing sample is left out of that sample's mean, and its count says so.
 
