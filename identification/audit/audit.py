@@ -263,6 +263,14 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
         difference_of(step, each, given.set_up, now.comparison.set_up, model.name, given.geometry.robot)
         for step, each in zip(found.steps, numbers, strict=True)
     ]
+    # One that was turned into the data cannot be taken out of them.
+    gone = [
+        step.hypothesis
+        for step, item in zip(found.steps, differences, strict=True)
+        if item.may_be_none and not step.hypothesis.bends
+    ]
+    if gone:
+        return _said(found.without(gone), given, read_otherwise)
     reading = given.reading.turned(np.ones(len(found.signs)), found.signs)
     for clock in (item for item in differences if item.effect == "wrong_time_base"):
         reading = replace(reading, ratio=reading.ratio * clock.numbers[0].value)

@@ -74,6 +74,12 @@ class Difference:
     alternatives: tuple[tuple[str, int | None], ...] = ()
     joints: tuple[int, ...] = ()
 
+    @property
+    def may_be_none(self) -> bool:
+        """Whether no number is clear of none by its interval: parts of the recording then disagree about it."""
+        none = 1.0 if self.effect in ("torque_sensor_gain", "wrong_time_base") else 0.0
+        return bool(self.numbers) and all(item.interval[0] <= none <= item.interval[1] for item in self.numbers)
+
     def to_finding_json(self) -> dict[str, Any]:
         """The entry of `findings` in diagnosis.json, contract §6; what an audit does not know is null."""
         entry = self.to_json()

@@ -54,6 +54,15 @@ class Audited:
     first: Explanation
     whole: Explanation
 
+    def without(self, gone: Sequence[Hypothesis]) -> Audited:
+        """With these differences out."""
+        places = [item.place for item in gone]
+        kept = tuple(step for step in self.steps if step.hypothesis.place not in places)
+        now, whole = (
+            each.without([item for item in each.steps if item.place in places]) for each in (self.now, self.whole)
+        )
+        return replace(self, steps=kept, now=now, whole=whole)
+
 
 def search(geometry: Geometry, set_up: SetUp, model: GivenModel, sizes: Sizes) -> Audited:
     """The differences between a model and the rows of a recording, the largest evidence first."""
