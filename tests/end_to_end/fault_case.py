@@ -9,8 +9,8 @@ from typing import Any
 
 __all__ = ["IN_MOTION", "PACED", "FaultCase", "Step", "fault"]
 
-IN_MOTION = 1500
-"""Messages after COMMANDING_ACTIVE: about half way through the period."""
+IN_MOTION = 1200
+"""Messages after the first command that moves the arm: about half way through the period."""
 PACED: dict[str, Any] = {
     "session": {
         "quality_window_s": 1.0,
@@ -83,5 +83,5 @@ class FaultCase:
 
 
 def fault(name: str, at_cycle: int = IN_MOTION, cycles: int = 1, **more: Any) -> dict[str, Any]:
-    """One entry of the fake robot's `faults`, counted from COMMANDING_ACTIVE."""
-    return {"fault": name, "after_state": "COMMANDING_ACTIVE", "at_cycle": at_cycle, "cycles": cycles, **more}
+    """One entry of the fake robot's `faults`, counted from the motion's begin, however long its start was planned."""
+    return {"fault": name, "in_motion": True, "at_cycle": at_cycle, "cycles": cycles, **more}

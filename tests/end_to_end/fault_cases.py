@@ -7,6 +7,7 @@ What a row says of the arm is measured at the robot's side. See `fault_case` for
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from tests.end_to_end.fault_case import IN_MOTION, PACED, FaultCase, fault
 from tests.end_to_end.fault_cases_of_host import HOST_CASES
@@ -18,6 +19,11 @@ PROMPT = {"lockstep_timeout_s": 0.3, "lockstep_shortest_s": 0.1}
 late."""
 PATIENT = {"lockstep_timeout_s": 20.0}
 """All that the robot sends is answered: a wait that ends before shifts the answer by a cycle that the arm stands."""
+
+
+def _commanded(name: str, at_cycle: int, cycles: int = 1, **more: Any) -> dict[str, Any]:
+    """One entry counted from COMMANDING_ACTIVE, whether or not the arm moves by then."""
+    return {"fault": name, "after_state": "COMMANDING_ACTIVE", "at_cycle": at_cycle, "cycles": cycles, **more}
 
 
 def _what_the_robot_says() -> Iterator[FaultCase]:
@@ -65,7 +71,7 @@ def _what_the_robot_says() -> Iterator[FaultCase]:
         faults=({"fault": "ipo_moves", "after_state": "COMMANDING_WAIT", "cycles": 10**6, "joint": 3, "value": 0.005},),
     )  # fmt: skip
     yield FaultCase("short-drive-list", "drive states of three joints only", "none", "not_started", 69,
-                    ("drives of 3 joints instead of 7",), faults=(fault("short_drive_list", 0, 100_000),),
+                    ("drives of 3 joints instead of 7",), faults=(_commanded("short_drive_list", 0, 100_000),),
                     request={"command_timeout_s": 3.0})  # fmt: skip
     for kind, level, words in (
         ("operation_mode", 1, "operation mode changed from AUTOMATIC_MODE to TEST_MODE_2"),
@@ -191,7 +197,7 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
     yield FaultCase("stray", "11 bytes from another port before the robot's first message", "finished", "completed", 0,
                     faults=({"fault": "stray", "at_cycle": 0},))  # fmt: skip
     yield FaultCase("time-stamp-jump", "the robot's time stamp jumps by an hour, robot by the clock", "finished",
-                    "completed", 0, faults=(fault("time_stamp_jump", 300, value=3600.0),), **PACED)  # fmt: skip
+                    "completed", 0, faults=(_commanded("time_stamp_jump", 300, value=3600.0),), **PACED)  # fmt: skip
 
 
 ROBOT_CASES: tuple[FaultCase, ...] = (*_what_the_wire_does(), *_what_the_robot_says())
