@@ -19,7 +19,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import TypeVar
 
 import coal
@@ -236,7 +236,7 @@ def _parts(path: FloatArray, geometry: RobotGeometry) -> list[_Part]:
     return parts
 
 
-@cache
+@lru_cache(maxsize=256)
 def _in_its_link(capsule: Capsule) -> tuple[coal.Capsule, FloatArray, FloatArray]:
     """The body along z, and in the link's frame its rotation (3, 3) and its centre (3,)."""
     start, end = np.array(capsule.start_m), np.array(capsule.end_m)
