@@ -91,7 +91,7 @@ class ExcitationLimits:
         if np.any(reach <= 0.0):
             joint = int(np.argmin(reach))
             raise DesignError(
-                f"the offset of joint {joint + 1}, {offset[joint]:g}, leaves no room inside its position limits"
+                f"the offset of joint {joint + 1}, {offset[joint]:g} rad (m), leaves no room inside its position limits"
             )
         return reach
 
