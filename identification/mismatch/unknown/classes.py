@@ -113,25 +113,37 @@ def _position_by_direction_fine(inputs: Inputs, joint: int) -> Part:
 
 
 def _velocity_either_way(inputs: Inputs, joint: int) -> Part:
-    speed, functions = _speed(inputs, joint)
-    return np.concatenate([functions, speed[:, None]], axis=1), inputs.inside("velocity")[:, joint]
+    speed = _speed(inputs, joint)
+    return np.concatenate([_of_speed(speed), speed[:, None]], axis=1), inputs.inside("velocity")[:, joint]
 
 
 def _velocity_one_way(inputs: Inputs, joint: int) -> Part:
-    return _speed(inputs, joint)[1] * inputs.direction[:, joint, None], inputs.inside("velocity")[:, joint]
+    return _of_speed(_speed(inputs, joint)) * inputs.direction[:, joint, None], inputs.inside("velocity")[:, joint]
 
 
 def _velocity_late(inputs: Inputs, joint: int) -> Part:
-    """What friction adds that follows its own velocity late."""
+    """What friction adds that follows its own velocity late, by a lag or near a delay (Hess and Soom 1990)."""
     direction = inputs.direction[:, joint, None]
-    friction = np.concatenate([direction, _speed(inputs, joint)[1][:, :LATE] * direction], axis=1)
-    return inputs.late(friction, LAGS_S[2:]), inputs.inside("velocity")[:, joint]
+    friction = np.concatenate([direction, _of_speed(_speed(inputs, joint), LATE) * direction], axis=1)
+    return inputs.late(friction, LAGS_S, poles=2), inputs.inside("velocity")[:, joint]
 
 
-def _speed(inputs: Inputs, joint: int) -> tuple[FloatArray, FloatArray]:
-    """Speed (S,) as a share of the largest, and functions (S, m) of it."""
-    speed = np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
-    return speed, tabulated(smooth_table(*SPEED, ("one", "sinh")), 2.0 * warped(speed) - 1.0)
+def _speed_late(inputs: Inputs, joint: int) -> Part:
+    """What friction adds that turns round at once, its size as the speed was before (Armstrong-Hélouvry 1991)."""
+    speed, direction = _speed(inputs, joint), inputs.direction[:, joint, None]
+    now, before = _of_speed(speed, LATE), speed[:, None] - inputs.late(speed[:, None], LAGS_S)
+    values = np.concatenate([(_of_speed(late, LATE) - now) * direction for late in before.T], axis=1)
+    return values, inputs.inside("velocity")[:, joint]
+
+
+def _speed(inputs: Inputs, joint: int) -> FloatArray:
+    """(S,) speed as a share of the largest."""
+    return np.minimum(np.abs(inputs.velocity[:, joint]), 1.0)
+
+
+def _of_speed(speed: FloatArray, most: int = SPEED[1]) -> FloatArray:
+    """Functions (S, m ≤ most) of a speed (S,), a share of the largest."""
+    return tabulated(smooth_table(SPEED[0], most, ("one", "sinh")), 2.0 * warped(speed) - 1.0)
 
 
 def _load(inputs: Inputs, joint: int) -> Part:
@@ -258,7 +270,7 @@ def _velocity_and_friction(inputs: Inputs, joint: int) -> Part:
     return np.concatenate([either, direction, _velocity_one_way(inputs, joint)[0]], axis=1), inside
 
 
-TOLD_BY_NOISE = (_velocity_late,)
+TOLD_BY_NOISE = (_velocity_late, _speed_late)
 """Groups that are asked only where the noise is measured: what they describe nearly is what others describe.
 
 Friction that follows late is all but what builds up over travel. Stretches without periods choose the one or the other
@@ -277,7 +289,7 @@ CLASSES: tuple[DependenceClass, ...] = (
     ),
     DependenceClass(
         "own_velocity", "depends on its own velocity",
-        (_velocity_either_way, _velocity_one_way, _velocity_late), "velocity",
+        (_velocity_either_way, _velocity_one_way, _velocity_late, _speed_late), "velocity",
     ),
     DependenceClass("own_load", "depends on its own load", (_load, _load_fine), "torque"),
     DependenceClass(

@@ -93,11 +93,19 @@ def stops(path: FloatArray, widths: FloatArray, *, periodic: bool) -> FloatArray
 
 
 def responses(
-    signal: FloatArray, step_s: float, *, periodic: bool, lags_s: FloatArray, resonances_hz: FloatArray, damping: float
+    signal: FloatArray,
+    step_s: float,
+    *,
+    periodic: bool,
+    lags_s: FloatArray,
+    resonances_hz: FloatArray,
+    damping: float,
+    poles: int = 1,
 ) -> FloatArray:
-    """A signal (S,) through filters that vanish at rest, (S, lags + 2 · resonances): what linear dynamics adds to it.
+    """A signal (S,) through filters that vanish at rest, (S, lags · poles + 2 · resonances): what linear dynamics adds.
 
-    s T/(1 + s T) for each lag, then s w/(s² + 2 ζ w s + w²) and s²/(…) for each resonance of w = 2π f: two phases.
+    s T/(1 + s T)ⁱ for each lag, i = 1 … poles, then s w/(s² + 2 ζ w s + w²) and s²/(…) for each resonance of w = 2π f:
+    two phases. Two poles are near a delay without any lag.
 
     A signal that does not wrap around is taken from its first value, and followed by SETTLE_S of that value, so that
     what a causal filter makes of its end does not reach its beginning.
@@ -108,6 +116,7 @@ def responses(
     s = 2.0j * np.pi * np.fft.rfftfreq(signal.size, step_s)[:, None]
     natural = 2.0 * np.pi * resonances_hz
     below = s**2 + 2.0 * damping * natural * s + natural**2
-    transfer = np.concatenate([s * lags_s / (1.0 + s * lags_s), s * natural / below, s**2 / below], axis=1)
+    behind = [s * lags_s / (1.0 + s * lags_s) ** order for order in range(1, poles + 1)]
+    transfer = np.concatenate([*behind, s * natural / below, s**2 / below], axis=1)
     spectrum = np.fft.rfft(signal)[:, None]
     return np.asarray(np.fft.irfft(transfer * spectrum, n=signal.size, axis=0)[:samples], dtype=np.float64)

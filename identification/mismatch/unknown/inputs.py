@@ -129,11 +129,17 @@ class Inputs:
             return np.ones((self.motion.samples, self.motion.n))
         return fade(self._scaled(name, self.limits), self.fade_width)
 
-    def late(self, values: FloatArray, lags_s: FloatArray) -> FloatArray:
-        """(S, m · lags) what values (S, m) lack where they are followed with a lag: s T/(1 + s T) of each."""
+    def late(self, values: FloatArray, lags_s: FloatArray, poles: int = 1) -> FloatArray:
+        """(S, m · lags · poles) what values (S, m) lack where they are followed late (`responses`)."""
         step, periodic = self.motion.sampling_period_s, self.motion.periodic
         lacking = partial(
-            responses, step_s=step, periodic=periodic, lags_s=lags_s, resonances_hz=np.zeros(0), damping=1.0
+            responses,
+            step_s=step,
+            periodic=periodic,
+            lags_s=lags_s,
+            resonances_hz=np.zeros(0),
+            damping=1.0,
+            poles=poles,
         )
         return np.concatenate([lacking(value) for value in values.T], axis=1)
 
@@ -182,9 +188,9 @@ class Along(Inputs):
         self.__dict__["direction"] = np.sign(running) if coordinate == "velocity" else np.ones_like(middle)
         object.__setattr__(self, "place", place)
 
-    def late(self, values: FloatArray, lags_s: FloatArray) -> FloatArray:
+    def late(self, values: FloatArray, lags_s: FloatArray, poles: int = 1) -> FloatArray:
         """Nothing: it runs slowly."""
-        return np.zeros((len(values), values.shape[1] * lags_s.size))
+        return np.zeros((len(values), values.shape[1] * lags_s.size * poles))
 
     def inside(self, name: str) -> FloatArray:
         """1 everywhere: it stays within the fitted range."""

@@ -70,7 +70,9 @@ def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
             torque[:, joint] += basis.columns(inputs) @ np.array(term["weights"], dtype=np.float64)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ModelFileError(
-            f"The class terms of the model are not complete ({error!r})", field="class_terms"
+            f"The class terms of the model are not complete, or of an earlier version ({error!r}): diagnose the "
+            "recording again and use the model that this writes",
+            field="class_terms",
         ) from error
     return torque
 
