@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import shlex
 import shutil
 import sys
@@ -171,9 +172,11 @@ def _follow_once(subscription: LiveSubscription, watcher: Watcher) -> None:
     from daemon.cli.terminal import console_of
     from daemon.live.screen import drawn
 
-    deadline = time.monotonic() + 1.0
+    deadline = math.inf
     while True:
         known = watcher.take(_frames(subscription))
+        # Counted from here: with the first frames the model is loaded, which a busy machine takes seconds for.
+        deadline = min(deadline, time.monotonic() + 1.0)
         ascii_only = not (sys.stdout.encoding or "").lower().startswith("utf")
         screen = watcher.screen(width=shutil.get_terminal_size((120, 40)).columns, ascii_only=ascii_only)
         if screen is not None and (known or time.monotonic() > deadline):

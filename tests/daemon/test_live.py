@@ -15,9 +15,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
@@ -27,11 +28,12 @@ import zmq
 from rich.console import Console
 
 from daemon.api import RunOutcome
-from daemon.cli.watch import NothingToWatchError, _frames, _port_of
+from daemon.cli import watch
+from daemon.cli.watch import NothingToWatchError, _follow_once, _frames, _port_of
 from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.frame import LiveFrame
-from daemon.live.residual import LiveResidual, PeriodNoise, noise_sentence
+from daemon.live.residual import LiveResidual, Modelled, PeriodNoise, noise_sentence
 from daemon.live.screen import Screen, bar, drawn, remaining_s
 from daemon.live.subscription import LiveSubscription, served_ports
 from daemon.live.watcher import Watcher
@@ -429,6 +431,30 @@ def test_watch_follows_a_run_to_its_end_and_says_how_it_ended(
     assert lines.communicate(timeout=WATCHDOG_S)[0] == "The recording ended. The motion was stopped by an operator.\n"
     assert json.loads(frames.communicate(timeout=WATCHDOG_S)[0].splitlines()[-1])["ended"] is True
     assert [process.returncode for process in (screen, lines, frames)] == [0, 0, 0]
+
+
+def test_one_screen_shows_the_speed_however_long_the_model_took_to_load(
+    private: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second in which a motion had to show began before the model was there: the column of speeds stayed empty."""
+    now, coming = [0.0], sinusoid(0.5, 0.5, 5)
+
+    class OneByOne:
+        port = PORT
+
+        def receive(self, timeout_s: float) -> list[LiveFrame]:
+            del timeout_s
+            return [coming.pop(0)]
+
+    class SlowToBegin(Watcher):
+        def take(self, frames: Sequence[LiveFrame]) -> list[Modelled]:
+            now[0] += 5.0 if self.newest is None else 0.01
+            return super().take(frames)
+
+    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    _follow_once(cast(LiveSubscription, OneByOne()), SlowToBegin())
+    first_joint = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("A1"))
+    assert f"{0.5 * np.pi:+.2f}" in first_joint  # the largest speed of the sinusoid, rad/s
 
 
 def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
