@@ -44,3 +44,19 @@ def test_where_there_is_no_terminal_the_question_is_asked_as_ever(monkeypatch: p
     with os.fdopen(reads, encoding="utf-8") as words:
         monkeypatch.setattr(sys, "stdin", words)
         assert agreed("Start")
+
+
+def test_a_ctrl_c_at_the_question_is_an_interrupt_and_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended `run` with 1, as a no does; truth: the table of exit codes, 130 for what was interrupted."""
+
+    class InterruptedKeys:
+        def readline(self, *_: object) -> str:
+            raise KeyboardInterrupt
+
+        def fileno(self) -> int:
+            raise OSError
+
+    monkeypatch.setattr(sys, "stdin", InterruptedKeys())
+    for abort in (True, False):
+        with pytest.raises(KeyboardInterrupt):
+            agreed("Start", abort=abort)
