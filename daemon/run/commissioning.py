@@ -97,7 +97,8 @@ def admit(request: RunRequest) -> str:
             )
         return f"Commissioning: amplitude {rung.amplitude:g}; so far {done:g} was completed on this arm."
     if request.skip_ladder:
-        return f"Commissioning: amplitude {rung.amplitude:g} although only {done:g} was completed; the log says so."
+        so_far = f"only {done:g}" if done else "nothing yet"
+        return f"Commissioning: amplitude {rung.amplitude:g} although {so_far} was completed; the log says so."
     raise LadderError(rung.arm, rung.amplitude, done, allowed)
 
 
