@@ -319,7 +319,8 @@ def _check(config: DaemonConfig, file: str) -> None:
     if fri.robot_host is None and not config.is_simulation:
         raise refuse(
             "fri.robot_host",
-            f"{fri.bind_host} can be reached from other machines: name the robot's address, the only one listened to.",
+            f"through {fri.bind_host} a real arm is moved: name the address that its messages come from, the only one "
+            "listened to.",
         )
     if (config.control.server_key is None) != (config.control.authorised_clients is None):
         raise refuse("control.server_key", "control.server_key and control.authorised_clients belong together.")

@@ -62,6 +62,12 @@ def test_the_version_may_be_left_to_the_robot(tmp_path: Path) -> None:
     assert config.request_fields()["fri_version"] == "auto"
 
 
+def test_of_a_relayed_cabinet_nothing_untrue_is_said(tmp_path: Path) -> None:
+    """127.0.0.1 was said to be reached from other machines."""
+    with pytest.raises(ConfigurationError, match=r"robot_host: through 127\.0\.0\.1 a real arm is moved"):
+        load_config(_written(tmp_path / "c.yaml", "fri: {real_robot: true}\n"))
+
+
 @pytest.mark.parametrize("field", ["robot_host", "bind_host"])
 def test_a_request_takes_no_host_that_is_a_name(field: str) -> None:
     with pytest.raises(ConfigurationError, match="notahost") as refusal:
