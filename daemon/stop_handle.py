@@ -11,9 +11,10 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from types import FrameType
 
+from daemon.signals import handled
 from fri_client.handover.ring import EventCode, HandoverRing
 
 SIGNALS = {
@@ -21,24 +22,6 @@ SIGNALS = {
     int(signal.SIGTERM): EventCode.SIGNAL_STOP,
     int(signal.SIGHUP): EventCode.TERMINAL_CLOSED,
 }
-
-
-@contextlib.contextmanager
-def handled(
-    numbers: Iterable[int], handler: Callable[[int, FrameType | None], None] | signal.Handlers
-) -> Iterator[None]:
-    """These signals go to the handler while the block runs; in the main thread alone.
-
-    A SIGHUP that was ignored before stays ignored: who says `nohup` wants the run to outlive the terminal. SIGINT and
-    SIGTERM always count, though a shell's script has its background jobs ignore SIGINT: they have to stop the arm.
-    """
-    taken = (each for each in numbers if each != signal.SIGHUP or signal.getsignal(each) is not signal.SIG_IGN)
-    before = {number: signal.signal(number, handler) for number in taken}
-    try:
-        yield
-    finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)
 
 
 class StopHandle:
@@ -102,9 +85,6 @@ class StopHandle:
         """SIGINT, SIGTERM and SIGHUP (a closed terminal) become a request while the block runs, in the main thread;
         elsewhere nothing changes.
         """
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
 
         def stop(number: int, frame: FrameType | None) -> None:
             del frame

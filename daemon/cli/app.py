@@ -22,6 +22,7 @@ from typer.main import get_group
 from daemon.cli.catalogue import COMMANDS, GROUPS
 from daemon.cli.output import complaint, data, prepare_streams, set_verbosity, settle_stdout
 from daemon.errors import EXIT_INTERNAL, exit_code_of, sentence_of
+from daemon.signals import ends_as_interrupts
 
 EXIT_INTERRUPTED = 130
 _OBJECTS_BEFORE_A_LOOK = 50_000
@@ -109,7 +110,8 @@ def main(arguments: list[str] | None = None) -> None:
     prepare_streams()
     words = _flags_first(sys.argv[1:] if arguments is None else arguments)
     try:
-        app(args=words, prog_name="iiwa-ident")
+        with ends_as_interrupts():
+            app(args=words, prog_name="iiwa-ident")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except Exception as error:

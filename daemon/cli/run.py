@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ipaddress
-import signal
 import sys
 import tempfile
 from contextlib import contextmanager
@@ -36,7 +35,6 @@ from daemon.errors import ConfigurationError, MissingInputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from types import FrameType
 
     from daemon.api import RunOutcome, WorkerStatus
     from daemon.cli.run_view import RunView
@@ -247,20 +245,14 @@ def run(
 
 @contextmanager
 def _interrupted_in_words(out: Path) -> Iterator[None]:
-    """SIGTERM and a closed terminal are a Ctrl-C before and after the motion too. Where one comes after it, say that
-    run and recording are whole, and that the fit goes on without this command.
+    """Where an interrupt comes after the motion, say that run and recording are whole, and that the fit goes on without
+    this command.
     """
     from daemon.api import RUN_NAME, RunOutcome
     from daemon.json_files import read_json
-    from daemon.stop_handle import handled
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        raise KeyboardInterrupt
 
     try:
-        with handled((signal.SIGTERM, signal.SIGHUP), interrupt):
-            yield
+        yield
     except KeyboardInterrupt:
         if (out / RUN_NAME).is_file():
             outcome = read_json(out / RUN_NAME, RunOutcome)

@@ -47,7 +47,8 @@ from daemon.queue.service_log import ServiceLog
 from daemon.queue.service_states import Action, Event, State, transition
 from daemon.queue.systemd_notify import SystemdNotifier
 from daemon.runtime_folder import default_endpoint, lock_port
-from daemon.stop_handle import StopHandle, handled
+from daemon.signals import handled
+from daemon.stop_handle import StopHandle
 from daemon.times import now_text
 from fri_client.handover.ring import EventCode
 

@@ -41,7 +41,7 @@ from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingIn
 from daemon.json_files import read_json
 from daemon.run.spare_folder import write_run_file
 from daemon.run.supervision import Supervision
-from daemon.stop_handle import handled
+from daemon.signals import handled
 from fri_client.errors import FriError
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import HandoverRing

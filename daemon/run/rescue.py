@@ -26,7 +26,7 @@ from daemon.log.stream import is_being_written
 from daemon.run.account import leave_outcome
 from daemon.run.recorder import Recorder
 from daemon.run.spare_folder import spare_folder
-from daemon.stop_handle import handled
+from daemon.signals import handled
 from fri_client.handover.ring import HandoverRing
 
 RECORDER_PATIENCE_S = 10.0

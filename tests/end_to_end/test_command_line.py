@@ -131,6 +131,23 @@ def test_an_interrupt_before_anything_is_recorded_leaves_no_folder(number: signa
     assert list(tmp_path.iterdir()) == [motion]
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_proof_that_is_ended_leaves_no_folder(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGTERM and a closed terminal left the recordings of its cases among the temporary files."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    process = start_iiwa_ident("prove", "--cases", 4, "--jobs", 1)
+    assert process.stdout is not None
+    while "label sealed" not in process.stdout.readline():
+        assert process.poll() is None
+    assert list(tmp_path.iterdir())
+    process.send_signal(number)
+    process.communicate(timeout=WATCHDOG_S)
+    assert process.returncode == 130
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("command", ["fit", "import", "recover"])
 def test_a_missing_file_is_66(tmp_path: Path, command: str) -> None:
     result = iiwa_ident(command, tmp_path / "nothing.mcap")
