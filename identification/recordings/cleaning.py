@@ -65,7 +65,7 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
             f"{MINIMUM_DURATION_S} s are needed",
         )
     sampling_period_s = float(np.median(np.diff(time)))
-    _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s)
+    _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s, every)
     position, torque = _kept(table.position, keep), _kept(table.torque, keep)
     moves = np.ptp(position, axis=0) > 0.0
     _refuse_dead_torque(table, torque, moves, findings)
@@ -281,11 +281,17 @@ def _spikes(values: FloatArray) -> BoolArray:
     return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)
 
 
-def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: IntArray, period: float) -> None:
+def _note_gaps_and_jitter(
+    findings: list[Finding], time: FloatArray, number: IntArray, period: float, every: int
+) -> None:
+    """every: of so many rows of the file one was kept, where the source is slower than the file."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > GAP_FACTOR * period)
     if gaps.size:
-        missing = int(np.round(steps[gaps] / period - 1.0).sum())
+        rows = np.round(steps[gaps] / period - 1.0)
+        left_out = int(np.clip(np.diff(number)[gaps] // every - 1, 0.0, rows).sum())
+        missing = f"about {int(rows.sum())} samples missing"
+        missing += f", {left_out} of them rows that were left out" if left_out else ""
         longest = int(gaps[np.argmax(steps[gaps])])
         length = float(steps[longest])
         findings.append(
@@ -295,7 +301,7 @@ def _note_gaps_and_jitter(findings: list[Finding], time: FloatArray, number: Int
                 int(number[gaps[-1] + 1]),
                 int(gaps.size),
                 f"{gaps.size} gap{'s' if gaps.size > 1 else ''} longer than {GAP_FACTOR} sampling periods of "
-                f"{1e3 * period:.4g} ms, about {missing} samples missing; the longest lasts "
+                f"{1e3 * period:.4g} ms, {missing}; the longest lasts "
                 f"{f'{length:.4g} s' if length >= 1.0 else f'{1e3 * length:.4g} ms'} after row {number[longest]}",
             )
         )

@@ -149,7 +149,9 @@ def test_non_finite_rows_are_left_out_with_their_place(tmp_path: Path) -> None:
     (finding,) = recording.report.of_kind("garbled_rows")
     assert (finding.first_row, finding.last_row, finding.count) == (100, 300, 2)
     assert recording.samples == ROWS - 2
-    assert recording.report.of_kind("gap")[0].count == 2
+    (gap,) = recording.report.of_kind("gap")
+    assert gap.count == 2
+    assert "2 samples missing, 2 of them rows that were left out;" in gap.sentence  # the file itself misses none
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -240,7 +242,7 @@ def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
     recording = read_recording(_save(tmp_path / "a.npz", **arrays))
     (gap,) = recording.report.of_kind("gap")
     assert (gap.first_row, gap.last_row, gap.count) == (100, 101, 1)
-    assert "20 samples missing" in gap.sentence
+    assert "20 samples missing;" in gap.sentence
     assert gap.sentence.startswith("1 gap longer than")
     assert recording.report.of_kind("jitter")
 
