@@ -13,6 +13,7 @@ from fri_client.handover.ring import Disposition, EventCode, HandoverRing
 from fri_client.loop.link_statistics import LinkStatistics
 from fri_client.loop.result import PhaseTicks
 from fri_client.motion.program import MotionProgram, StopKind
+from fri_client.motion.re_entry import BRIDGED_S
 from fri_client.session.link_memory import LinkMemory
 from fri_client.session.session import DropReason, Session
 
@@ -64,7 +65,11 @@ class Journal:
             if session.quality_changed:
                 self._memory.quality(now_ns, session.previous_quality, session.quality)
         recent = self._memory.recall(now_ns)
-        drop = session.drop = replace(drop, recent=replace(recent, missing=recent.missing + gap))
+        # A silence is said already, and in lockstep this computer's clock tells nothing of the robot. Any other pause
+        # that no robot spans is worth a word: of a computer that was held up nothing else tells.
+        told = drop.reason == DropReason.SILENCE or session.clock.simulated or recent.pause_ms <= 1e3 * BRIDGED_S
+        recent = replace(recent, missing=recent.missing + gap, pause_ms=0.0 if told else recent.pause_ms)
+        drop = session.drop = replace(drop, recent=recent)
         self.event(EventCode.SESSION_DROP, drop.joint, drop.reason, drop.state_after)
         self.stopped(drop.sentence())
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from array import array
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 from fri_client.messages import ConnectionQuality, name_of
 
@@ -21,7 +22,8 @@ _QUALITIES = 8
 
 @dataclass(frozen=True, slots=True)
 class RecentLink:
-    """The link before an end. missing, answered, turn_around_ms (longest, None without an answer): of the last second.
+    """The link before an end. missing, answered, turn_around_ms (longest, None without an answer), pause_ms (longest
+    between two messages; 0: none that is worth a word): of the last second.
 
     qualities: the last changes as (seconds before the end, quality before, quality after), oldest first.
     """
@@ -30,6 +32,7 @@ class RecentLink:
     answered: int
     turn_around_ms: float | None
     qualities: tuple[tuple[float, int, int], ...] = ()
+    pause_ms: float = 0.0
 
     def clause(self) -> str:
         """The numbers as part of a sentence."""
@@ -38,6 +41,8 @@ class RecentLink:
             history += f", {_quality(before)} -> " if not history else " -> "
             history += f"{_quality(after)} {ago:.2f} s before"
         longest = "no answer" if self.turn_around_ms is None else f"longest turn-around {self.turn_around_ms:.2f} ms"
+        if self.pause_ms:
+            longest += f", longest pause between messages {self.pause_ms:.0f} ms"
         quality = f"; quality {history.removeprefix(', ')}" if history else "; quality unchanged in the motion"
         return f"in the last second {self.missing} messages missing and {longest}{quality}"
 
@@ -74,12 +79,16 @@ class LinkMemory:
         """What is remembered of the second before now_ns (CLOCK_MONOTONIC)."""
         since = now_ns - _WINDOW_NS
         recent = [place for place, time_ns in enumerate(self._time_ns) if time_ns > since]
+        # In their order; the end of the ring is older than its beginning.
+        times = [time_ns for time_ns in (*self._time_ns[self._next :], *self._time_ns[: self._next], now_ns) if time_ns]
+        pauses = [here - before for before, here in pairwise(times) if here > since]
         turn_arounds = [t for t in (self._turn_around_ns[place] for place in recent) if t >= 0]
         return RecentLink(
             sum(self._missing[place] for place in recent),
             len(turn_arounds),
             max(turn_arounds) / 1e6 if turn_arounds else None,
             tuple(((now_ns - time_ns) / 1e9, before, after) for time_ns, before, after in self._qualities),
+            max(pauses, default=0) / 1e6,
         )
 
 

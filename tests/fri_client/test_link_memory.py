@@ -25,6 +25,19 @@ def test_a_message_without_an_answer_has_no_turn_around() -> None:
     assert "3 messages missing and no answer" in recent.clause()
 
 
+def test_a_computer_that_was_held_up_shows_as_a_pause_though_nothing_is_missing() -> None:
+    """Of one held for two seconds, 250 messages late, the sentence said: 0 missing, longest turn-around 0.2 ms."""
+    memory = LinkMemory()
+    for k in range(5000):
+        memory.tick(k * MS, k * MS + MS // 5, 0)
+    assert memory.recall(5000 * MS).pause_ms == 1.0
+    memory.tick(7000 * MS, 0, 0)  # the kernel had kept those that came meanwhile
+    recent = memory.recall(7000 * MS)
+    assert recent.pause_ms == memory.recall(7900 * MS).pause_ms == 2001.0
+    assert "0 messages missing and no answer, longest pause between messages 2001 ms;" in recent.clause()
+    assert memory.recall(9000 * MS).pause_ms == 2000.0  # none came since
+
+
 def test_the_qualities_are_told_in_their_order_with_their_age() -> None:
     memory = LinkMemory()
     memory.quality(0, 0, 3)
