@@ -59,15 +59,12 @@ class Journal:
         """Note the drop of the session, and put into it what the link did in the second before."""
         drop = session.drop
         assert drop is not None
-        gap = 0
-        if drop.reason != DropReason.SILENCE:  # the message that brought the drop is not in the memory yet
-            gap = session.gap
-            if session.quality_changed:
-                self._memory.quality(now_ns, session.previous_quality, session.quality)
+        is_silence = drop.reason == DropReason.SILENCE
+        gap = 0 if is_silence else session.gap  # the message that brought the drop is not in the memory yet
         recent = self._memory.recall(now_ns)
         # A silence is said already, and in lockstep this computer's clock tells nothing of the robot. Any other pause
         # that no robot spans is worth a word: of a computer that was held up nothing else tells.
-        told = drop.reason == DropReason.SILENCE or session.clock.simulated or recent.pause_ms <= 1e3 * BRIDGED_S
+        told = is_silence or session.clock.simulated or recent.pause_ms <= 1e3 * BRIDGED_S
         recent = replace(recent, missing=recent.missing + gap, pause_ms=0.0 if told else recent.pause_ms)
         drop = session.drop = replace(drop, recent=recent)
         self.event(EventCode.SESSION_DROP, drop.joint, drop.reason, drop.state_after)

@@ -57,6 +57,7 @@ def test_a_drop_is_told_in_one_sentence_with_the_numbers_of_the_link() -> None:
     ):
         assert words in told, told
     assert told.count(". ") == 0
+    assert told.count("FAIR 0.00 s before") == 1  # it was told twice
     codes = events(records)
     assert codes.index(EventCode.SESSION_DROP) < codes.index(EventCode.STOP_ON_PATH)
 
