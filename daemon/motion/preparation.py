@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,8 @@ class PreparedMotion:
         """How fast the end of the tool goes along the motion, and whether T1 lets it."""
         fastest = tip_speed(self.surroundings.geometry, self.table, 1.0 / TABLE_RATE_HZ)
         verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
-        return f"The end-effector reaches {fastest:.2f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
+        said = 1e-3 * math.ceil(1e3 * fastest)  # beside the limit a nearest number would deny the verdict
+        return f"The end-effector reaches {said:.3f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""
