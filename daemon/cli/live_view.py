@@ -51,7 +51,7 @@ class LiveOptions:
 
         Raises ConfigurationError where it cannot be served, before anything moves, and MissingInputError.
         """
-        from daemon.live.door import LOOPBACK, Door
+        from daemon.live.door import LOOPBACK, Door, require_free
         from daemon.live.server import FOXGLOVE_PORT, PLOTJUGGLER_PORT, layouts_folder
 
         if not self.live:
@@ -63,6 +63,8 @@ class LiveOptions:
                 "the package foxglove-sdk is needed: pip install 'iiwa-ident[live]'.", field="--live"
             )
         door = Door.of(self.address, FOXGLOVE_PORT, self.key)
+        require_free(door.address, door.port)
+        require_free(LOOPBACK, PLOTJUGGLER_PORT)
         message(
             f"Live for Foxglove at {door.url}, for PlotJuggler (ZMQ Subscriber, JSON) at "
             f"tcp://{LOOPBACK}:{PLOTJUGGLER_PORT}; layouts for both in {layouts_folder()}."

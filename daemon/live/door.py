@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import re
+import socket
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +47,21 @@ class Door(NamedTuple):
         """What to type into Foxglove."""
         host = f"[{self.address}]" if ":" in self.address else self.address
         return f"{'ws' if self.identity is None else 'wss'}://{host}:{self.port}"
+
+
+def require_free(address: str, port: int) -> None:
+    """Raises ConfigurationError for a TCP port that cannot be listened on, such as that of another run's live view."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as door:
+        door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what an ended run left does not count
+        try:
+            door.bind((address, port))
+            return
+        except OSError as error:
+            why = error.strerror
+            if error.errno == errno.EADDRINUSE:
+                why = "in use, as by the live view of another run, which a viewer would show in place of this one"
+    raise ConfigurationError(f"TCP port {port} on {address} cannot be served ({why}).", field="--live")
 
 
 def _read_identity(file: Path) -> tuple[bytes, bytes]:

@@ -18,8 +18,10 @@ from pathlib import Path
 
 import pytest
 
+from daemon.cli.live_view import LiveOptions
 from daemon.errors import ConfigurationError, MissingInputError
-from daemon.live.door import Door
+from daemon.live import server
+from daemon.live.door import Door, require_free
 from tests.ports import free_tcp_port
 from tests.watchdog import WATCHDOG_S
 
@@ -33,6 +35,23 @@ def key(tmp_path: Path) -> Path:
     shutil.copyfile(IDENTITY, file)
     file.chmod(0o600)
     return file
+
+
+@pytest.mark.parametrize("held", ["FOXGLOVE_PORT", "PLOTJUGGLER_PORT"])
+def test_a_second_run_is_not_told_to_look_at_the_view_of_the_first(
+    held: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With two arms both runs named one address, and what a viewer showed there was the other arm."""
+    pytest.importorskip("foxglove")
+    for name in ("FOXGLOVE_PORT", "PLOTJUGGLER_PORT"):
+        monkeypatch.setattr(server, name, free_tcp_port())
+    with socket.create_server(("127.0.0.1", getattr(server, held))):
+        with pytest.raises(ConfigurationError, match="in use, as by the live view of another run"):
+            LiveOptions(live=True).server()
+        assert "ws://" not in capsys.readouterr().err
+    assert LiveOptions(live=True).server() == ["--address", "127.0.0.1"]
+    with pytest.raises(ConfigurationError, match=r"198\.51\.100\.77 cannot be served"):
+        require_free("198.51.100.77", free_tcp_port())  # reserved for examples, of no machine
 
 
 def test_without_options_the_door_is_on_loopback() -> None:
