@@ -21,10 +21,9 @@ from typer.main import get_group
 
 from daemon.cli.catalogue import COMMANDS, GROUPS
 from daemon.cli.output import complaint, data, prepare_streams, set_verbosity, settle_stdout
-from daemon.errors import EXIT_INTERNAL, exit_code_of, sentence_of
+from daemon.errors import EXIT_INTERNAL, EXIT_INTERRUPTED, exit_code_of, sentence_of
 from daemon.signals import ends_as_interrupts
 
-EXIT_INTERRUPTED = 130
 _OBJECTS_BEFORE_A_LOOK = 50_000
 
 

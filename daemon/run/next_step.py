@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 
 from daemon.api import LAST_SAMPLES_NAME, RUN_NAME, RunOutcome, WorkerStatus
-from daemon.errors import FolderGoneError, LogIOError
+from daemon.errors import EXIT_INTERRUPTED, FolderGoneError, LogIOError
 from daemon.run.folder import nothing_moved
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.run.spare_folder import find_run_file
@@ -49,6 +49,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     if outcome.outcome in ("refused", "fault"):
         return "Next: mend what the first sentence names; nothing moves until then."
     if outcome.outcome in ("stopped", "dropped"):
+        if outcome.exit_code == EXIT_INTERRUPTED:
+            return "Next: a new run, in another folder, begins from where the arm stands."
         last = f"{folder}/{LAST_SAMPLES_NAME}" if request is None else find_run_file(request, LAST_SAMPLES_NAME)
         return (
             f"Next: find the cause in the first sentence ({last} has the seconds around it); a new "

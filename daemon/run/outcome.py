@@ -21,7 +21,7 @@ from daemon.api import (
     RunRequest,
 )
 from daemon.children import Child
-from daemon.errors import DaemonError, FolderGoneError, LogIOError
+from daemon.errors import EXIT_INTERRUPTED, DaemonError, FolderGoneError, LogIOError
 from daemon.json_files import read_json, write_json
 from daemon.run.link_diagnostics import COUNTS
 from daemon.run.spare_folder import find_run_file, write_run_file
@@ -123,7 +123,7 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
 def exit_code_of_run(report: LoopReport, loop_exit_code: int, signal_number: int | None) -> int:
     """That of the loop's process, of its report where a signal ended it, or 130 where the operator's signal did."""
     if signal_number is not None and report.outcome in ("stopped", "not_started", "no_robot"):
-        return 130
+        return EXIT_INTERRUPTED
     return loop_exit_code if loop_exit_code >= 0 else EXIT_CODES[report.outcome]
 
 

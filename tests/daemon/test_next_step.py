@@ -32,6 +32,7 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
         ({"outcome": "not_started", "exit_code": 69}, {}, None, "what the first sentence names"),
         ({"outcome": "version_mismatch", "exit_code": 76}, {}, None, "--fri-version"),
         ({"outcome": "stopped", "exit_code": 1}, {}, None, "last_samples.json"),
+        ({"outcome": "stopped", "exit_code": 130}, {}, None, "Next: a new run"),  # whoever asked knows the cause
         ({"outcome": "stopped", "exit_code": 130, "standstill": False, "phases": ()}, {}, None, "can be given again"),
         ({"outcome": "stopped", "exit_code": 130, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
