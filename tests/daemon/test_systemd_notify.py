@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.errors import EXIT_INTERRUPTED
 from daemon.queue.systemd_notify import SystemdNotifier
 
 UNIT = Path(__file__).resolve().parents[2] / "packaging" / "iiwa-ident.service"
@@ -94,6 +95,7 @@ def test_the_unit_never_ends_a_moving_arm_by_a_kill() -> None:
     assert getattr(signal, service["WatchdogSignal"]) == signal.SIGTERM
     assert service["KillMode"] == "control-group"
     assert int(service["TimeoutStopSec"]) >= 60
+    assert service["SuccessExitStatus"] == str(EXIT_INTERRUPTED)
     assert service["Type"] == "notify"
     assert "CPUSchedulingPolicy" not in service
     assert int(service["LimitRTPRIO"]) >= 80
