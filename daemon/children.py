@@ -63,7 +63,7 @@ class Child:
         """The error that says how it ended; its own sentence where the disk refused what it had to write."""
         code, words = self.process.poll(), self.last_words
         if code == LogIOError.exit_code and words.strip():
-            return _SpokenError(words.strip().splitlines()[-1], code)
+            return LogIOError.said(words.strip().splitlines()[-1])
         return ChildProcessFailedError(self.role, code, words)
 
     def close(self) -> None:
@@ -72,14 +72,6 @@ class Child:
         with contextlib.suppress(OSError):
             if not self._words_file.stat().st_size:
                 self._words_file.unlink()
-
-
-class _SpokenError(DaemonError):
-    """A child's own sentence with its exit code."""
-
-    def __init__(self, sentence: str, exit_code: int) -> None:
-        self.exit_code = exit_code
-        super().__init__(sentence)
 
 
 def start_python(

@@ -105,6 +105,13 @@ class LogIOError(DaemonError):
         self.errno = error.errno
         super().__init__(f"{file}: {error.strerror or error}.")
 
+    @classmethod
+    def said(cls, sentence: str) -> LogIOError:
+        """What another process said of the same, in its own words."""
+        error = cls("", OSError())
+        error.args = (sentence,)
+        return error
+
 
 class FolderGoneError(DaemonError):
     """The folder of a run is not there any more, and nothing has moved yet. Carries its path."""

@@ -28,6 +28,7 @@ from daemon.run.folder import make_room
 from daemon.run.next_step import moved_away, next_step
 from daemon.run.service import run_acquisition
 from daemon.run.spare_folder import find_run_file
+from fri_client.handover.ring import HandoverRing
 from tests.ports import free_udp_port
 
 from .recorder_results import read_events, read_states
@@ -279,3 +280,15 @@ def invoke(*words: str) -> str:
         capture_output=True, text=True, check=True, env={**os.environ}, timeout=WATCHDOG_S,
     )  # fmt: skip
     return shown.stdout
+
+
+def test_what_a_recorder_says_of_a_full_disk_is_the_error_that_it_was(tmp_path: Path, ring: HandoverRing) -> None:
+    """`reason` in run.json, a fixed word for programs, was the name of a class that nobody else knows."""
+    recorder = Child("recorder", "daemon.run.recorder", [], ring, tmp_path)
+    recorder.wait(WATCHDOG_S)
+    recorder.process = subprocess.Popen(["sh", "-c", "exit 74"])
+    recorder.process.wait(WATCHDOG_S)
+    (tmp_path / "recorder.log").write_text("/full/recording.mcap: No space left on device.\n", encoding="utf-8")
+    error = recorder.failed()
+    assert (type(error), str(error)) == (LogIOError, "/full/recording.mcap: No space left on device.")
+    assert error.exit_code == 74
