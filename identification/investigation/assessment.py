@@ -159,7 +159,7 @@ def _weighed(
     parts = (among.of(range(among.folds)),)
     whole = Selection(among, parts, (1.0,))
     whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
-    touched = {joints[place] for place in shown_on(columns @ item.coefficients)}
+    touched = set(shown_on(unknown.problem, every @ item.coefficients))
     # Joints share base columns: what a form explains, classes of other joints may have stood for. A smooth error stays.
     others = [] if _background(nothing) else [joint for joint, own in enumerate(nothing.states) if own.groups]
     for joint in (*touched, *(number for number in others if number not in touched)):

@@ -71,10 +71,10 @@ class Examination:
 
 
 def joints_shown(trial: Trial) -> frozenset[int]:
-    """Joints (from 0) on which members of a trial show more than a tenth of their largest torque."""
+    """Joints (from 0) on which members of a trial show (`shown_on`)."""
     fitted = extend(trial.nominal, trial.members).coefficients
     torque = [torque_of(*pair, trial.nominal.n) for pair in zip(trial.members, fitted, strict=True)]
-    return frozenset(joint for own in torque for joint in shown_on(own))
+    return frozenset(joint for own in torque for joint in shown_on(trial.nominal, own))
 
 
 def torque_of(member: Member, coefficients: FloatArray, n: int) -> FloatArray:

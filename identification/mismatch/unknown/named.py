@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.problem import off
+from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.settings import ALTERNATIVE, DIFFERENT, LEAST_SHOWN, PRIOR_COST, RIVAL, SPEAK
@@ -71,13 +71,19 @@ def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Row
     columns[list(member.rows.joints), :count] = member.rows.rows[:, :, used]
     if there is not None:
         columns[list(there.joints), count:] = there.rows[:, :, used]
-    joints = shown_on(columns @ size[used])
+    joints = shown_on(rows.problem, columns @ size[used])
     return Named(member.effect.name, joints, columns, size[used], member.rows.cost)
 
 
-def shown_on(torque: FloatArray) -> tuple[int, ...]:
-    """Joints (from 0) on which a torque (n, R) is more than a tenth of its largest."""
-    rms = np.sqrt((torque**2).sum(axis=1))
+def shown_on(problem: Problem, torque: FloatArray) -> tuple[int, ...]:
+    """Joints (from 0) that a torque (n, R) Nm acts on, and of what shows there more than a tenth of the most.
+
+    What shows is what the base parameters leave, over the noise: they take most of what a zero offset does to the
+    weight of the arm, and where most of its torque is least of it may show.
+    """
+    white = problem.whitened(torque[..., None], range(problem.n))
+    visible = off(problem.basis, white.ravel()).reshape(torque.shape)
+    rms = np.sqrt((visible**2).sum(axis=1)) * torque.any(axis=1)
     return tuple(np.flatnonzero(rms > 0.1 * rms.max(initial=0.0)).tolist())
 
 
@@ -202,13 +208,16 @@ def _unnamed(whole: Selection) -> bool:
 
 
 def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> tuple[float, float]:
-    """λ of a name, and of all classes of its joints together beside it, off the base parameters. own: its columns."""
+    """λ of a name, and of all classes of its joints together beside it, off the base parameters. own: its columns.
+
+    Of the name on all joints: base parameters take up its torque of all of them together.
+    """
     problem = whole.rows.problem
     named, unnamed = np.zeros((2, problem.n, problem.rows))
-    for joint in name.joints:
-        rows, state = whole.rows.joints[joint], whole.states[joint]
+    for joint, (rows, state) in enumerate(zip(whole.rows.joints, whole.states, strict=True)):
         named[joint] = rows.whitened[:, rows.columns + own] @ size
-        unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ whole.mean(joint, state)[0]
+        if joint in name.joints:
+            unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ whole.mean(joint, state)[0]
     left = off(problem.basis, np.column_stack([named.ravel(), unnamed.ravel()]))
     shown, beside = (left**2).sum(axis=0).tolist()
     return shown, beside

@@ -151,8 +151,10 @@ class _Recording:
         course = _course(contrasts.evidence, change)
         if course is None:
             return None
-        names = [_named(contrasts, course, item) for item in (change, *(item for item in own if item is not change))]
-        rows = self.rows(np.tensordot(course, contrasts.z, axes=1), names[0].joints)
+        problem = self.problem(np.tensordot(course, contrasts.z, axes=1))
+        every = (change, *(item for item in own if item is not change))
+        names = [_named(problem, contrasts, course, item) for item in every]
+        rows = self.rows(problem, names[0].joints)
         elsewhere = [()] * rows.problem.n
         standing = standings(rows, [name for name in names if np.any(name.columns)], [0], elsewhere)[0]
         beside = {name: loss for name, loss in standing.beside.items() if loss >= SPEAK}
@@ -175,23 +177,28 @@ class _Recording:
         rms, low, high = (float(np.sqrt(max(excess + sign * 1.96 * spread, 0.0) / count)) for sign in (0.0, -1.0, 1.0))
         return rms, (low, high)
 
-    def rows(self, whitened: FloatArray, joints: Sequence[int]) -> Rows:
-        """Rows (R, n) along one course, with the classes of some joints; base parameters do not change."""
+    def problem(self, whitened: FloatArray) -> Problem:
+        """Rows (R, n) along one course; base parameters do not change."""
         evidence, weight = self.contrasts.evidence, self.contrasts.weight.T
         n, size = weight.shape
         noise = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), 1.0)
         nothing, torque = np.zeros(size, dtype=np.int64), whitened.T.ravel()
-        problem = Problem(
+        return Problem(
             n=n, weight=weight, noise=noise, freedom=evidence.noise_freedom.T, band=nothing, evidence=nothing,
             frequency=evidence.frequency, torque=torque, nominal=np.zeros((n, size, 0)),
             basis=np.zeros((n * size, 0)), residual=torque,
         )  # fmt: skip
+
+    def rows(self, problem: Problem, joints: Sequence[int]) -> Rows:
+        """The rows of a course, with the classes of some joints."""
+        evidence, weight, n = self.contrasts.evidence, problem.weight, problem.n
+        whitened = problem.torque.reshape(weight.shape)
         asked = np.isin(np.arange(n), list(joints))
         parts = []
         for joint in range(n):
             own = self.functions(joint) if asked[joint] else []
             group = np.repeat(np.arange(len(own)), [rows.shape[1] for _, rows in own]).astype(np.int64)
-            columns = np.concatenate([*(rows for _, rows in own), whitened[:, joint, None]], axis=1)
+            columns = np.concatenate([*(rows for _, rows in own), whitened[joint, :, None]], axis=1)
             parts.append(JointRows(columns, tuple(basis for basis, _ in own), group))
         band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency)
         bands = len(BAND_EDGES_HZ) + 1
@@ -202,14 +209,14 @@ class _Recording:
             fitted=self.inputs.ranges,
             inputs=(self.inputs,),
             joints=tuple(parts),
-            part=nothing,
+            part=problem.evidence,
             band=band,
             folds=1,
             prior=np.zeros(0),
             cell=band,
             grams=tuple(products(item.whitened, item.whitened, band, (1, bands)) for item in parts),
             count=count.reshape(n, 1, bands).astype(np.float64),
-            misfit=(np.where(weight > 0.0, whitened.T * noise, 0.0) ** 2).sum(axis=1) / evidence.samples,
+            misfit=(np.where(weight > 0.0, whitened * problem.noise, 0.0) ** 2).sum(axis=1) / evidence.samples,
             asked=asked,
             samples=(evidence.samples, 0),
             noise_rows=KNOWN,
@@ -226,8 +233,8 @@ def _course(evidence: Evidence, change: Change) -> FloatArray | None:
     return weight / length if length > 1e-9 else None
 
 
-def _named(contrasts: Contrasts, course: FloatArray, change: Change) -> Named:
-    """A change's columns along a course, in Nm."""
+def _named(problem: Problem, contrasts: Contrasts, course: FloatArray, change: Change) -> Named:
+    """A change's columns along a course, in Nm. problem: the rows of that."""
     assert isinstance(change.effect, EnvelopedEffect)
     joints, rows = contrasts.rows(change.effect, change.estimate.place, change.estimate.shape)
     white = np.tensordot(course, contrasts.whiten(rows, joints), axes=1)
@@ -238,4 +245,4 @@ def _named(contrasts: Contrasts, course: FloatArray, change: Change) -> Named:
         weight > 0.0, white.transpose(1, 0, 2)[..., used] / np.where(weight > 0.0, weight, 1.0), 0.0
     )
     size = change.estimate.coefficients[used]
-    return Named(change.effect.name, shown_on(columns @ size), columns, size, 0.0)
+    return Named(change.effect.name, shown_on(problem, columns @ size), columns, size, 0.0)

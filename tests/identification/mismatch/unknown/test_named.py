@@ -13,7 +13,7 @@ from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import find_dependence
-from identification.mismatch.unknown.named import Named, Standing, standings
+from identification.mismatch.unknown.named import Named, Standing, shown_on, standings
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
@@ -169,3 +169,25 @@ def test_a_name_stands_against_classes_also_where_a_joint_holds_hardly_more_than
     assert not against_nothing.rivals
     assert "own_velocity" in against_classes.rivals
     assert against_classes.odds < against_nothing.odds / 2.0
+
+
+def test_what_base_parameters_take_up_of_a_name_hides_neither_the_rest_of_it_nor_the_joint_where_that_is(
+    prepared: Callable,
+) -> None:
+    """A zero offset tilts the weight of the arm: most of its torque looks like other parameters, on other joints than
+    the one where the rest of it shows. Here that is a spring on joint 5, beside parameters of joint 2 a hundred times
+    as large.
+    """
+    rows = build_rows(*prepared({spring: 0.02}), {JOINT - 1})
+    plain = _named(rows, spring, 0.02, "")
+    columns = plain.columns.copy()
+    for column in np.moveaxis(rows.problem.nominal, 2, 0):
+        if np.any(column[1]) and not np.any(column[JOINT - 1]):
+            columns[..., 0] += 100.0 * column * np.linalg.norm(plain.columns) / np.linalg.norm(column)
+    joints = shown_on(rows.problem, columns @ plain.size)
+    assert JOINT - 1 in joints
+    both = Named("", joints, columns, plain.size, 0.0)
+    alone, beside = (standings(rows, [name], [0], [()] * rows.problem.n)[0] for name in (plain, both))
+    assert beside.shown == pytest.approx(alone.shown, rel=0.1)
+    assert alone.earned
+    assert beside.earned
