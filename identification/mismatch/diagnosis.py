@@ -51,7 +51,7 @@ from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.judgement import Judgement, judge
-from identification.mismatch.unknown.over_time import changing, earned_over_time
+from identification.mismatch.unknown.over_time import changing, earned_over_time, least_of_drifts, still_refused
 from identification.model_file import Model
 from identification.recordings.independence import recording_names, refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -127,10 +127,10 @@ def diagnose(
     inactive = explained.library.candidates()[1]
     report("held-out check", 0.8)
     physics = not rows.faults_stop_physics and not (audited is not None and audited.makes_names_worthless)
-    changing_joints = {item.joint for item in refused}
     now, unseen, dependence, claims = concluded(
-        explained, unseen_by, nominal, changing_joints, settings, physics=physics
+        explained, unseen_by, nominal, least_of_drifts(refused), settings, physics=physics
     )
+    refused = still_refused(refused, [item for item in now.fitted.changes if item not in fitted.changes])
     claims = claims.with_too_weak((item.effect, item.joint) for item in refused if item.weak)
     report("findings", 0.9)
     plain = residuals_of(nominal, now.fitted.evidences, now.library)

@@ -6,7 +6,7 @@ search over the mean → a push in every period → a drift → classes → clai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from identification.base_parameters import BaseRegressor
@@ -64,19 +64,18 @@ def concluded(
     explained: Explained,
     unseen_by: Unseen,
     nominal: Nominal,
-    otherwise: Set[int | None],
+    least: Mapping[int | None, float],
     settings: DiagnosisSettings,
     *,
     physics: bool,
 ) -> Concluded:
     """What may be claimed, with a push in every period where that leaves nothing but noise beside what is claimed.
 
-    otherwise: joints (from 1) that change from period to period by something else than a drift. physics: whether the
-    data allow any name.
+    least: λ that a drift needs on some joints (from 1), as in `_with_drift`. physics: whether the data allow any name.
     """
 
     def claimed(now: Explained) -> Concluded:
-        return _claimed(_with_drift(now, otherwise, settings), unseen_by, nominal, settings, physics=physics)
+        return _claimed(_with_drift(now, least, settings), unseen_by, nominal, settings, physics=physics)
 
     pushed = _with_push(explained, unseen_by, settings)
     found = claimed(pushed)
@@ -140,10 +139,13 @@ def _with_push(now: Explained, unseen_by: Unseen, settings: DiagnosisSettings) -
     return replace(now, fitted=pushed, problem=problem, result=replace(other, trial=trial, before=before))
 
 
-def _with_drift(now: Explained, otherwise: Set[int | None], settings: DiagnosisSettings) -> Explained:
-    """With a drift from zero that mean and contrasts prove together, but for joints (from 1) that change otherwise."""
+def _with_drift(now: Explained, least: Mapping[int | None, float], settings: DiagnosisSettings) -> Explained:
+    """With a drift from zero that mean and contrasts prove together.
+
+    least: λ that it needs on joints (from 1) of which their contrasts alone refused a change.
+    """
     drift = find_drift_in_mean(now.problem, now.fitted.evidences, now.fitted.changes, now.result, settings)
-    if drift is None or drift.estimate.place.joint in otherwise:
+    if drift is None or drift.gain < least.get(drift.estimate.place.joint, 0.0):
         return now
     renewed, fitted = now.fitted.renewal(now.regressor, now.library), now.fitted.with_change(drift)
     problem = fitted.problem()

@@ -115,7 +115,8 @@ def _weighed(
 ) -> tuple[float, Change] | None:
     """How much likelier members of the search beside a drift are than all of them without it, and the drift.
 
-    target: (K, R) contrasts of its joint. With all members, and with those that do not act on its joint.
+    target: (K, R) contrasts of its joint. With those members that do not act on its joint, and with all where each of
+    the others is worth what the search asks of one: beside a drift an offset costs nothing else.
     """
     length = float(np.vdot(course.contrasts, course.contrasts))
     alone = float(np.vdot(course.contrasts, target))
@@ -135,7 +136,8 @@ def _weighed(
         between = size * (2.0 * alone - size * length)
         left = beside.penalised - (gain - between)
         ahead = 0.5 * (result.trial.penalised - left + between) - cost
-        if 0.5 * gain - cost < settings.complete_score or ahead <= (0.0 if best is None else best[0]):
+        price = settings.provisional_score * (len(kept) - len(elsewhere))
+        if 0.5 * gain - cost < settings.complete_score or ahead <= (0.0 if best is None else best[0] + price):
             continue
         torque = problem.torque - size * course.mean
         if not fitted(replace(problem, torque=torque, residual=off(problem.basis, torque)), kept, settings).complete:

@@ -7,6 +7,7 @@ a gain that drifts is no drift of the zero and no load that was taken off.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -23,7 +24,7 @@ from identification.mismatch.effects.torque_sensor_drift import TorqueSensorDrif
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared, without_changes
 from identification.mismatch.problem import Problem
-from identification.mismatch.settings import FADE, SPEAK
+from identification.mismatch.settings import FADE, LEAST_SHOWN, SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
@@ -86,6 +87,21 @@ def changing(refused: Sequence[Refused]) -> list[ClassClaim]:
     for claim in filter(None, (item.claim for item in refused)):
         found[claim.joint] = max(found.get(claim.joint, claim), claim, key=lambda item: item.significance)
     return list(found.values())
+
+
+def least_of_drifts(refused: Sequence[Refused]) -> dict[int | None, float]:
+    """λ that mean and contrasts together have to show of a drift, by joint (from 1), where the contrasts refused one.
+
+    What was too weak in the contrasts may show enough in the mean; what is another change is no drift of any size.
+    """
+    weak = {item.joint: LEAST_SHOWN for item in refused if item.weak}
+    return weak | {item.joint: math.inf for item in refused if not item.weak}
+
+
+def still_refused(refused: Sequence[Refused], found: Sequence[Change]) -> tuple[Refused, ...]:
+    """Those that are not among changes that the mean has proved since."""
+    names = {(item.effect.name, item.estimate.place.joint) for item in found}
+    return tuple(item for item in refused if (item.effect, item.joint) not in names)
 
 
 def _words(classes: Sequence[str]) -> str:
