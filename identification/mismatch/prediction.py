@@ -68,6 +68,13 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
             continue
         joints = list(columns.joints)
         values = columns.values if columns.values_by_period is None else columns.values_by_period
+        if coefficients.shape != values.shape[-1:]:
+            raise ModelFileError(
+                f"Effect {effect['effect']} of the model has {coefficients.size} coefficients and not "
+                f"{values.shape[-1]}: an earlier version wrote it. Diagnose the recording again and use the model that "
+                "this writes",
+                field="effects",
+            )
         torque[:, :, joints] += values @ coefficients
     return torque
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 from scipy.linalg import eigh
 
+from identification.errors import ModelFileError
 from identification.mismatch.effects import EFFECTS
 from identification.mismatch.motion import Motion
 from identification.mismatch.prediction import effects_torque
@@ -132,6 +133,16 @@ def test_an_effect_is_the_formula_of_the_page(motion: Motion, name: str) -> None
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(torque[:, J - 1], expected, atol=1e-9 * np.abs(expected).max())
     assert not np.delete(torque, J - 1, axis=1).any()
+
+
+def test_an_effect_with_as_many_coefficients_as_an_earlier_version_had_is_refused(motion: Motion) -> None:
+    """`base_elasticity` had three; a ValueError of NumPy came out."""
+    shape = {"pivot_depth": 0.4}
+    entry = {"effect": "base_elasticity", "joint": None, "link": None,
+             "model": {"other_joint": None, "coefficients": 3 * [1e-5], "shape": shape}}  # fmt: skip
+    with pytest.raises(ModelFileError, match="3 coefficients and not 5: an earlier version wrote it"):
+        effects_torque([entry], motion)
+    assert effects_torque([{**entry, "model": {**entry["model"], "coefficients": 5 * [1e-5]}}], motion).any()
 
 
 def test_one_motor_on_two_joints_is_the_formula_of_the_page(motion: Motion) -> None:
