@@ -137,14 +137,11 @@ def useless(exam: Examination, settled: Callable[[tuple[Member, ...]], Check], t
 
 
 def untenable(exam: Examination, trial: Trial) -> list[Objection]:
-    """Members without a certain size, or of a sign that no machine has.
-
-    Zero has no shape: how far a size goes along with nonlinear parameters says nothing of whether it may be zero. A
-    compliance that is as well half as large about a deeper pivot is none at no depth.
-    """
-    extension, library = exam.check(trial.members).extension, exam.rows.library
-    residual, coloured = trial.problem.residual, not trial.complete
-    sure = uncertainties(exam.problem, extension, residual, library, coloured=coloured, given_shape=True)
+    """Members without a certain size, or of a sign that no machine has."""
+    extension = exam.check(trial.members).extension
+    sure = uncertainties(
+        exam.problem, extension, trial.problem.residual, exam.rows.library, coloured=not trial.complete
+    )
     found = []
     for index, (member, coefficients, own) in enumerate(zip(trial.members, extension.coefficients, sure, strict=True)):
         estimate = own.estimate(member, coefficients)

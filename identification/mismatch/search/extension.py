@@ -151,13 +151,7 @@ class Uncertainty:
 
 
 def uncertainties(
-    nominal: Problem,
-    extension: Extension,
-    residual: FloatArray,
-    library: Library,
-    *,
-    coloured: bool,
-    given_shape: bool = False,
+    nominal: Problem, extension: Extension, residual: FloatArray, library: Library, *, coloured: bool
 ) -> tuple[Uncertainty, ...]:
     """Uncertainty of every member, coefficients and nonlinear parameters of all of them together.
 
@@ -166,9 +160,8 @@ def uncertainties(
     itself: products of columns and residual summed over blocks of neighbouring lines, whatever the colour within a
     block (the sandwich with clusters, Liang and Zeger 1986), and never below that of the noise. Of a nonlinear
     parameter the data say nothing beyond its bounds; a direction that they leave open comes out as wide as that.
-    given_shape: of the coefficients, the nonlinear parameters being what they are.
     """
-    columns, labels, ranges = _tangents(nominal, extension, library, given_shape=given_shape)
+    columns, labels, ranges = _tangents(nominal, extension, library)
     if not labels:
         return ()
     columns = off(nominal.basis, columns)
@@ -211,7 +204,7 @@ def no_narrower(covariance: FloatArray, least: FloatArray) -> FloatArray:
 
 
 def _tangents(
-    nominal: Problem, extension: Extension, library: Library, *, given_shape: bool
+    nominal: Problem, extension: Extension, library: Library
 ) -> tuple[FloatArray, list[tuple[int, int | str]], FloatArray]:
     """Whitened columns of all coefficients and nonlinear parameters at the estimate, what each belongs to, its range.
 
@@ -229,7 +222,6 @@ def _tangents(
         for parameter in member.effect.shape_parameters(motion, member.place):
             # What stands at the textbook's value was not estimated; counted as if, it would widen all the others.
             given = parameter.integer or member.shape[parameter.name] == parameter.textbook
-            given = given or (given_shape and not parameter.tied)
             slope = None if given else _slope(member, parameter, library, coefficients)
             if slope is None:
                 continue

@@ -132,17 +132,6 @@ def test_a_nonlinear_parameter_that_was_left_at_the_textbooks_value_widens_nothi
     assert estimated.covariance[0, 0] > 1.5 * given.covariance[0, 0]
 
 
-def test_a_coefficient_at_a_given_exponent_is_as_sure_as_one_that_has_none(
-    clean_evidence: Evidence, problem: Problem
-) -> None:
-    library, member = member_of(Power(), clean_evidence)
-    extension = replace(extend(problem, [member]), coefficients=(np.array([0.7]),))
-    (found,) = uncertainties(problem, extension, problem.residual, library, coloured=False, given_shape=True)
-    column = off(problem.basis, spread(problem, member.rows.joints, member.rows.rows))
-    assert found.covariance[0, 0] == pytest.approx(1.0 / float((column**2).sum()), rel=1e-6)
-    assert found.shape_std == {}
-
-
 @pytest.mark.parametrize("delay", [0.002, 0.005])
 def test_a_short_delay_is_as_sure_as_if_its_share_were_known(
     clean_evidence: Evidence, problem: Problem, delay: float
