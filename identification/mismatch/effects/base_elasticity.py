@@ -9,8 +9,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
-from identification.mismatch.effects.describe import harmonic, linear, shaped, size, size_of
-from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque, tilt_torques
+from identification.mismatch.effects.describe import linear, shaped, size_of
+from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque
 from identification.mismatch.effects.time_domain import (
     ComplexArray,
     filtered,
@@ -20,29 +20,25 @@ from identification.mismatch.effects.time_domain import (
 )
 from identification.mismatch.motion import Motion
 
-_STEP = 1e-5
-"""Rate of the base, rad/s, of the difference that stands for the derivative: far from rounding."""
-_COMPLIANCES = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-"""C per unit of c₁, c₂ and c₃."""
+_STEP = 1e-7
+"""Compliance, rad/Nm, of the difference that stands for the derivative: some 1e-5 rad of lean, far from rounding."""
 _LEFT_OUT = 1e-6
 """Share of the power of the moment on the base, its fastest part, that the lean does not follow."""
 
 
 class BaseElasticity(Effect):
-    """The base leans by θ = θ₀ − C n about two level axes, n the moment by which the ground holds it about a pivot.
+    """The base leans by θ = −C n about the two level axes, n the moment by which the ground holds it about a pivot.
 
     C = [[c₁, c₃], [c₃, c₂]]: a stand need not be as soft in both directions, nor stand along the base's axes. Gravity
     is then g − θ × g in the base's frame, the base turns with θ̇ and θ̈, and its origin, pivot_depth above the pivot,
-    sways with θ̈: what ID changes by, to first order in C. θ₀ is the lean that does not move: with the arm beside the
-    pivot its weight makes one, whose size no joint's torque tells, and so do the stand's own weight and how it was set
-    up. What the order leaves out is the square of motion over the resonance of arm and stand: 2 % at 2e4 Nm/rad and
-    motion up to 0.5 Hz.
+    sways with θ̈: what ID changes by, to first order in C. What the order leaves out is the square of motion over the
+    resonance of arm and stand: 2 % at 2e4 Nm/rad and motion up to 0.5 Hz.
     Usual: 1e5 to 1e6 Nm/rad on a machine bed, 1e4 to 1e5 on a cart or a table. Looks like: joint_elasticity of a joint
     that lifts. Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 9.
     """
 
     name = "base_elasticity"
-    units = ("rad/Nm", "rad/Nm", "rad/Nm", "rad", "rad")
+    units = ("rad/Nm", "rad/Nm", "rad/Nm")
     one_sided = True
     separating_experiment = "Set a level or a dial gauge on the base while the arm reaches out and draws in."
 
@@ -55,10 +51,9 @@ class BaseElasticity(Effect):
         return (ShapeParameter("pivot_depth", "m", (0.0, 0.4, 0.9), -0.5, 1.5, logarithmic=False),)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
-        """Torque per unit of c₁, c₂ and c₃, then of the lean at rest; axes x and y where gravity is along z."""
+        """Torque per unit of c₁, c₂ and c₃; axes x and y where gravity is along z."""
         values = np.tensordot(shape["pivot_depth"] ** np.arange(3), _by_power_of_depth(motion), axes=1)
-        at_rest = tilt_torques(motion) @ _axes(motion)[0].T
-        return Columns(tuple(range(motion.n)), np.concatenate([values, at_rest], axis=-1)) if values.any() else None
+        return Columns(tuple(range(motion.n)), values) if values.any() else None
 
     def is_impossible(self, coefficients: FloatArray, std: FloatArray | None = None) -> bool:
         """Whether the stand would drive the lean in some direction more than it yields in any."""
@@ -66,9 +61,9 @@ class BaseElasticity(Effect):
         return bool(-stiffest >= softest)
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
-        """Stiffness where the stand is softest (std to first order), compliances, lean at rest, depth of the pivot."""
-        names = ("about_x", "about_y", "about_xy", "at_rest_about_x", "at_rest_about_y")
-        about = [linear(name, estimate, self.units[index], index=index) for index, name in enumerate(names)]
+        """Stiffness where the stand is softest (std to first order), the compliances, and where the pivot lies."""
+        names = ("about_x", "about_y", "about_xy")
+        about = [linear(name, estimate, "rad/Nm", index=index) for index, name in enumerate(names)]
         return (_stiffness(estimate, 1), *about, shaped("pivot_depth", estimate, "m"))
 
     def sentence(self, estimate: Estimate) -> str:
@@ -77,60 +72,35 @@ class BaseElasticity(Effect):
         vector = _axis(estimate, 1)
         angle = math.degrees(math.atan2(vector[1], vector[0])) % 180.0
         other = size_of(stiff) if stiff.value > 0.0 and CERTAIN < stiff.certainty < math.inf else "no yielding seen"
-        lean = harmonic(Estimate(estimate.place, {}, estimate.coefficients[3:], estimate.covariance[3:, 3:]))
-        at_rest = ""
-        if 0.0 < CERTAIN * lean.amplitude_std < lean.amplitude:
-            still = size(math.degrees(lean.amplitude), math.degrees(lean.amplitude_std), "°").replace(" °", "°")
-            at_rest = f"; it leans by {still} besides, whatever the arm does"
         return (
             "The base leans under the arm's own weight and motion: what it stands on yields, stiffness "
             f"{size_of(soft)} about the axis at {angle:.0f}° from the base's first level axis (x of an upright base), "
-            f"where it is softest, across it {other}{at_rest} (base elasticity)."
+            f"where it is softest, across it {other} (base elasticity)."
         )
-
-
-def _axes(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """The two level axes, (2, 3) rows, and upwards (3,), in the base's frame."""
-    down = motion.robot.gravity / np.linalg.norm(motion.robot.gravity)
-    return across(down), -down
 
 
 @once_per_motion
 def _by_power_of_depth(motion: Motion) -> FloatArray:
     """The columns' parts that go with the pivot's depth to the power of 0, 1 and 2, (3, S, n, 3)."""
-    rigid, (level, upward) = rigid_torque(motion), _axes(motion)
-    per_lean, (per_rate, per_growth, per_sway) = tilt_torques(motion) @ level.T, _by_motion_of_base(motion)
+    gravity, rigid, chain = motion.robot.gravity, rigid_torque(motion), chain_of(motion)
+    upward, still = -gravity / np.linalg.norm(gravity), np.zeros_like(motion.velocity)
+    first, second = across(-upward)
+    matrices = [np.outer(one, other) for one, other in ((first, first), (second, second), (first, second))]
+    matrices[2] = matrices[2] + matrices[2].T
+    moments = rigid.base_moment.T, np.cross(upward, rigid.base_force.T)
     result = np.zeros((3, motion.samples, motion.n, 3))
-    for power, moment in enumerate((rigid.base_moment.T, np.cross(upward, rigid.base_force.T))):
-        about = filtered(motion, moment @ level.T, _slow_lines(motion))
-        for column, compliance in enumerate(_COMPLIANCES):
-            lean = -about @ compliance
+    for power, moment in enumerate(moments):
+        slow = filtered(motion, moment, _slow_lines(motion))
+        for column, matrix in enumerate(matrices):
+            lean = -slow @ matrix
             rate = time_derivative(motion, lean)
             growth = time_derivative(motion, rate)
-            for higher, per_unit, moved in (
-                (0, per_lean, lean),
-                (0, per_rate, rate),
-                (0, per_growth, growth),
-                (1, per_sway, growth),
-            ):
-                result[power + higher, ..., column] += np.einsum("snk,sk->sn", per_unit, moved)
-    return result
-
-
-@once_per_motion
-def _by_motion_of_base(motion: Motion) -> FloatArray:
-    """Torque (3, S, n, 2) per unit of the base's rate and growth about its level axes, and of a growth 1 m below it."""
-    chain, (level, upward), still = chain_of(motion), _axes(motion), np.zeros_like(motion.velocity)
-    none, result = np.zeros((3, motion.samples)), np.empty((3, motion.samples, motion.n, 2))
-    for number, axis in enumerate(level):
-        along = np.repeat(axis[:, None], motion.samples, axis=1)
-        turning = chain.forward(
-            motion.velocity, motion.acceleration, motion.robot.gravity, base_turns=(_STEP * along, none)
-        )
-        growing = chain.forward(still, still, np.zeros(3), base_turns=(none, along))
-        swaying = chain.forward(still, still, -np.cross(axis, upward))
-        result[0, ..., number] = (chain.backward(turning).torque - rigid_torque(motion).torque) / _STEP
-        result[1, ..., number], result[2, ..., number] = (chain.backward(links).torque for links in (growing, swaying))
+            seen = (gravity - _STEP * np.cross(lean, gravity)).T
+            turns = _STEP * rate.T, _STEP * growth.T
+            leaning = chain.backward(chain.forward(motion.velocity, motion.acceleration, seen, base_turns=turns))
+            swaying = chain.backward(chain.forward(still, still, -np.cross(growth, upward).T))
+            result[power, ..., column] += (leaning.torque - rigid.torque) / _STEP
+            result[power + 1, ..., column] += swaying.torque
     return result
 
 
@@ -160,7 +130,7 @@ def _axis(estimate: Estimate, number: int) -> FloatArray:
 def _stiffness(estimate: Estimate, number: int) -> Parameter:
     """Along `_axis`, to first order: the compliance is v_x² c₁ + v_y² c₂ + 2 v_x v_y c₃."""
     x, y = _axis(estimate, number)
-    weights = np.array([x * x, y * y, 2.0 * x * y, 0.0, 0.0])
+    weights = np.array([x * x, y * y, 2.0 * x * y])
     compliance = float(weights @ estimate.coefficients)
     std = math.sqrt(max(0.0, float(weights @ estimate.covariance @ weights)))
     if compliance == 0.0:

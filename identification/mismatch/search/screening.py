@@ -118,8 +118,7 @@ def _without(screen: Screen, shadow: FloatArray, problem: Problem, target: Float
 
 
 def gains(screen: Screen) -> list[tuple[float, Variant]]:
-    """(score, variant) of every candidate, best first: as a whole, without the columns of another unit than the first
-    where several have that one, and these column by column.
+    """(score, variant) of every candidate, as a whole and, where its columns are alike, column by column; best first.
 
     score: half the drop of the whitened squares, less the cost of further coefficients and of the shape's grid.
     """
@@ -135,29 +134,24 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
         alike = np.array([_alike(screen.candidates[member]) for member in batch.members.tolist()])
         for column in range(size):
-            score = np.where(column < alike, single[:, column] - cost - cost_of_choice(1, size), -np.inf)
+            score = np.where(alike, single[:, column] - cost - cost_of_choice(1, size), -np.inf)
             result.extend(_listed(score, batch.members, (column,)))
-        for count in {size, *alike.tolist()} - {0, 1}:
-            scale = np.sqrt(raw[:, :count])
-            values, vectors = np.linalg.eigh(batch.gram[:, :count, :count] / (scale[:, :, None] * scale[:, None, :]))
+        if size > 1:
+            scale = np.sqrt(raw)
+            values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
             kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[:, -1:])
-            projected = np.einsum("gij,gi->gj", vectors, target[:, :count] / scale)
+            projected = np.einsum("gij,gi->gj", vectors, target / scale)
             gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
             used = kept.sum(axis=1)
             whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
-            whole = np.where((count == size) | (count == alike), whole - cost - cost_of_choice(count, size), -np.inf)
-            result.extend(_listed(whole, batch.members, tuple(range(count))))
+            result.extend(_listed(whole - cost, batch.members, tuple(range(size))))
     return sorted(result, key=lambda item: -item[0])
 
 
-def _alike(candidate: EffectRows) -> int:
-    """How many columns are of one unit, so that one alone is the effect in one direction (one bending moment); else 0.
-
-    They come first; behind them may be some that the effect has beside these.
-    """
-    units, size = candidate.effect.units, candidate.coefficients
-    count = units.count(units[0]) if len(units) == size else 0
-    return count if count > 1 or size == 1 else 0
+def _alike(candidate: EffectRows) -> bool:
+    """Whether the columns are of one unit, so that one alone is the effect in one direction (one bending moment)."""
+    units = candidate.effect.units
+    return candidate.coefficients == 1 or (len(units) == candidate.coefficients and len(set(units)) == 1)
 
 
 def _listed(scores: FloatArray, members: IntArray, selection: tuple[int, ...]) -> list[tuple[float, Variant]]:

@@ -98,32 +98,3 @@ def _series(n: int, time: FloatArray, seed: int) -> tuple[FloatArray, FloatArray
     sine, cosine = (function(w * time[:, None, None]) for function in (np.sin, np.cos))
     position = (a / w * sine - b / w * cosine).sum(axis=2) + generator.uniform(-0.3, 0.3, n)
     return position, (a * cosine + b * sine).sum(axis=2), (w * (b * cosine - a * sine)).sum(axis=2)
-
-
-def torque_on_two_hinges(
-    motion: Motion, links: PhysicalParameters, compliance: tuple[float, float, float], base: tuple[float, float, float]
-) -> FloatArray:
-    """What the joints' torque (S, n) changes by where the base turns about two sprung hinges, and does not stand still.
-
-    compliance: rad/Nm about x, about y, and of either by the other's moment. base: its origin from the hinges, m.
-    """
-    arm, stand, parent = pinocchio_model(motion.robot, links), pinocchio.Model(), 0
-    for name, hinge in zip(("x", "y"), (pinocchio.JointModelRX(), pinocchio.JointModelRY()), strict=True):
-        parent = stand.addJoint(parent, hinge, pinocchio.SE3.Identity(), name)
-    raised = pinocchio.SE3(np.eye(3), np.array(base))
-    for joint in range(1, arm.njoints):
-        placement = raised * arm.jointPlacements[joint] if joint == 1 else arm.jointPlacements[joint]
-        parent = stand.addJoint(parent, arm.joints[joint], placement, arm.names[joint])
-        stand.appendBodyToJoint(parent, arm.inertias[joint], pinocchio.SE3.Identity())
-    stand.gravity = arm.gravity
-    rotation = 2.0j * np.pi * np.fft.rfftfreq(motion.samples, motion.sampling_period_s)[:, None]
-    about_x, about_y, about_both = compliance
-    arm_states = motion.position, motion.velocity, motion.acceleration
-    lean = np.zeros((motion.samples, 2))
-    for _ in range(3):  # the springs carry the moment of the arm as it leans
-        lines = np.fft.rfft(lean, axis=0)
-        turned = [np.fft.irfft(lines * rotation**order, n=motion.samples, axis=0) for order in range(3)]
-        states = [np.hstack(pair) for pair in zip(turned, arm_states, strict=True)]
-        both = pinocchio_torque(stand, *states)
-        lean = -both[:, :2] @ np.array([[about_x, about_both], [about_both, about_y]])
-    return np.asarray(both[:, 2:] - pinocchio_torque(arm, *arm_states))
