@@ -152,9 +152,8 @@ class TooFastForT1Error(DaemonError):
         self.speed_m_s = speed_m_s
         self.limit_m_s = limit_m_s
         self.allowed = math.floor(1e3 * amplitude * limit_m_s / speed_m_s) * 1e-3
-        said = 1e-3 * math.ceil(1e3 * speed_m_s)  # beside the limit a nearest number would deny it
         super().__init__(
-            f"At amplitude {amplitude:g} the end-effector reaches {said:.3f} m/s; the first run of a motion on an "
+            f"At amplitude {amplitude:g} the end-effector reaches {speed_m_s:.3f} m/s; the first run of a motion on an "
             f"arm is driven in T1, which allows {limit_m_s:g} m/s. Run --amplitude {self.allowed:g} first."
         )
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from daemon.api import RunRequest
 from daemon.folders import make_folder
-from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
+from daemon.motion.tip_speed import T1_SPEED_M_S, rounded_up, tip_speed
 from daemon.motion.tool import FastenedMass, Tool
 from daemon.motion.torque_foresight import TorqueForesight, stand_of_model, torque_foresight
 from daemon.motion.workspace import Surroundings, load_surroundings
@@ -64,8 +63,7 @@ class PreparedMotion:
         """How fast the end of the tool goes along the motion, and whether T1 lets it."""
         fastest = tip_speed(self.surroundings.geometry, self.table, 1.0 / TABLE_RATE_HZ)
         verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
-        said = 1e-3 * math.ceil(1e3 * fastest)  # beside the limit a nearest number would deny the verdict
-        return f"The end-effector reaches {said:.3f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
+        return f"The end-effector reaches {rounded_up(fastest):.3f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""

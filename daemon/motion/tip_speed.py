@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,3 +17,8 @@ def tip_speed(geometry: RobotGeometry, table: NDArray[np.float64], table_period_
     """Largest speed of the end of the tool, m/s, along one period, (N, n) rad, that is repeated without a break."""
     path = geometry.tip_path(table)
     return float(np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1).max()) / table_period_s
+
+
+def rounded_up(speed_m_s: float) -> float:
+    """m/s, up to a whole mm/s: beside a limit the nearest number could deny what was found of it."""
+    return 1e-3 * math.ceil(1e3 * speed_m_s)

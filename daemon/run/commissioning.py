@@ -20,7 +20,7 @@ import numpy as np
 
 from daemon.api import RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, DaemonError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
-from daemon.motion.tip_speed import T1_SPEED_M_S, tip_speed
+from daemon.motion.tip_speed import T1_SPEED_M_S, rounded_up, tip_speed
 from daemon.motion.workspace import load_surroundings
 from daemon.run.ladder import highest_allowed, needs_ladder
 from daemon.times import now_text
@@ -107,7 +107,7 @@ def _check_speed(request: RunRequest) -> None:
     geometry = load_surroundings(request.robot, request.workspace_file).geometry
     speed = tip_speed(geometry, table, request.table_period_s)
     if speed > T1_SPEED_M_S:
-        raise TooFastForT1Error(request.amplitude, speed, T1_SPEED_M_S)
+        raise TooFastForT1Error(request.amplitude, rounded_up(speed), T1_SPEED_M_S)
 
 
 def remember(request: RunRequest, outcome: RunOutcome) -> str:

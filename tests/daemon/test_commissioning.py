@@ -171,7 +171,7 @@ def test_a_first_run_faster_than_t1_allows_is_refused_with_the_amplitude_that_is
     assert refusal.value.allowed == pytest.approx(0.1 * 0.25 / speed, abs=0.002)
     assert f"--amplitude {refusal.value.allowed:g}" in str(refusal.value)
     assert refusal.value.exit_code == 1
-    np.save(first.table_file, table * [1.005 * 0.25 / refusal.value.speed_m_s, 1, 1, 1, 1, 1, 1])
+    np.save(first.table_file, table * [1.007 * 0.25 / refusal.value.speed_m_s, 1, 1, 1, 1, 1, 1])
     with pytest.raises(TooFastForT1Error, match=r"reaches 0\.252 m/s"):  # it said 0.25, which allows 0.25
         admit(first)
     np.save(first.table_file, table * [0.9 * 0.25 / speed, 1, 1, 1, 1, 1, 1])
