@@ -70,9 +70,8 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
         values = columns.values if columns.values_by_period is None else columns.values_by_period
         if coefficients.shape != values.shape[-1:]:
             raise ModelFileError(
-                f"Effect {effect['effect']} of the model has {coefficients.size} coefficients and not "
-                f"{values.shape[-1]}: an earlier version wrote it. Diagnose the recording again and use the model that "
-                "this writes",
+                f"Effect {effect['effect']} of the model has {coefficients.size} coefficients, and {values.shape[-1]} "
+                "are needed: diagnose the recording again and use the model that this writes",
                 field="effects",
             )
         torque[:, :, joints] += values @ coefficients

@@ -140,7 +140,7 @@ def test_an_effect_with_another_number_of_coefficients_is_refused(motion: Motion
     shape = {"pivot_depth": 0.4}
     entry = {"effect": "base_elasticity", "joint": None, "link": None,
              "model": {"other_joint": None, "coefficients": 2 * [1e-5], "shape": shape}}  # fmt: skip
-    with pytest.raises(ModelFileError, match="2 coefficients and not 3: an earlier version wrote it"):
+    with pytest.raises(ModelFileError, match="2 coefficients, and 3 are needed"):
         effects_torque([entry], motion)
     assert effects_torque([{**entry, "model": {**entry["model"], "coefficients": 3 * [1e-5]}}], motion).any()
 
@@ -186,16 +186,28 @@ def functions(name: str, group: int, x: FloatArray, v: FloatArray, l: FloatArray
     x, v, l = (np.clip(values, -1.0, 1.0) for values in (x, v, l))  # noqa: E741
     own, j = x[:, J - 1], J - 1
     u = np.abs(v[:, j])
-    y = 2.0 * np.arcsinh(25.0 * u) / np.arcsinh(25.0) - 1.0
+    lags = np.geomspace(0.002, 0.2, 5)
+
+    def of_speed(u: FloatArray) -> FloatArray:
+        return smooth(0.3, 11, *trends(speed=True))(2.0 * np.arcsinh(25.0 * u) / np.arcsinh(25.0) - 1.0)
+
     match name, group:
         case "own_position", 0:
             return np.column_stack([own, smooth(0.5, 9, *trends(speed=False))(own)])
         case "own_position", 1:
             return smooth(0.125, 27, *trends(speed=False))(own)
         case "own_velocity", 0:
-            return np.column_stack([smooth(0.3, 11, *trends(speed=True))(y), u])
+            return np.column_stack([of_speed(u), u])
         case "own_velocity", 1:
-            return smooth(0.3, 11, *trends(speed=True))(y) * s[:, [j]]
+            return of_speed(u) * s[:, [j]]
+        case "own_velocity", 2:
+            return np.column_stack([
+                through(each, 0.02, lambda p, lag=lag, poles=poles: p * lag / (1.0 + p * lag) ** poles)
+                for each in (s[:, j], *(of_speed(u)[:, :4] * s[:, [j]]).T) for poles in (1, 2) for lag in lags
+            ])  # fmt: skip
+        case "own_velocity", 3:
+            before = [u - through(u, 0.02, lambda p, lag=lag: p * lag / (1.0 + p * lag)) for lag in lags]
+            return np.column_stack([(of_speed(each) - of_speed(u))[:, :4] * s[:, [j]] for each in before])
         case "own_load_by_direction", 0:
             return smooth(0.5, 7, np.ones_like)(l[:, j]) * s[:, [j]]
         case "own_load_by_position", 0:
@@ -211,6 +223,7 @@ FADED_BY = {"own_position": "x", "path_memory": "x", "own_velocity": "v"}
     ("name", "group"),
     [
         ("own_position", 0), ("own_position", 1), ("own_velocity", 0), ("own_velocity", 1),
+        ("own_velocity", 2), ("own_velocity", 3),
         ("own_load_by_direction", 0), ("own_load_by_position", 0), ("path_memory", 0), ("configuration", 0),
     ],
 )  # fmt: skip
@@ -245,3 +258,13 @@ def test_a_class_term_is_the_formula_of_the_page(motion: Motion, name: str, grou
     torque = terms_torque(data, motion)
     np.testing.assert_allclose(torque[:, J - 1], expected, atol=1e-6 * np.abs(expected).max())
     assert not np.delete(torque, J - 1, axis=1).any()
+
+
+def test_class_terms_of_as_many_functions_as_an_earlier_version_had_are_refused(motion: Motion) -> None:
+    """Late friction had 15."""
+    ones = np.ones(7)
+    ranges = Ranges(-ones, ones, ones, -ones, ones, ones, ones, np.ones((7, 2))).to_json()
+    term = {"class": "own_velocity", "group": 2, "joint": J, "scale": 1.0, "centre": 15 * [0.0], "weights": 15 * [0.1]}
+    data = {"ranges": ranges, "fade": 0.3, "terms": [term], "waves": {"direction": [], "phase": []}}
+    with pytest.raises(ModelFileError, match=r"or of an earlier version .* diagnose the recording again"):
+        terms_torque(data, motion)
