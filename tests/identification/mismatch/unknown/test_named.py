@@ -171,18 +171,20 @@ def test_a_name_stands_against_classes_also_where_a_joint_holds_hardly_more_than
     assert against_classes.odds < against_nothing.odds / 2.0
 
 
+@pytest.mark.parametrize("on_its_joint_too", [False, True])
 def test_what_base_parameters_take_up_of_a_name_hides_neither_the_rest_of_it_nor_the_joint_where_that_is(
-    prepared: Callable,
+    on_its_joint_too: bool, prepared: Callable
 ) -> None:
     """A zero offset tilts the weight of the arm: most of its torque looks like other parameters, on other joints than
     the one where the rest of it shows. Here that is a spring on joint 5, beside parameters of joint 2 a hundred times
-    as large.
+    as large, of these or of those alone that act on joint 5 as well: there base parameters take them up only together
+    with what they are on joint 2.
     """
     rows = build_rows(*prepared({spring: 0.02}), {JOINT - 1})
     plain = _named(rows, spring, 0.02, "")
     columns = plain.columns.copy()
     for column in np.moveaxis(rows.problem.nominal, 2, 0):
-        if np.any(column[1]) and not np.any(column[JOINT - 1]):
+        if np.any(column[1]) and np.any(column[JOINT - 1]) == on_its_joint_too:
             columns[..., 0] += 100.0 * column * np.linalg.norm(plain.columns) / np.linalg.norm(column)
     joints = shown_on(rows.problem, columns @ plain.size)
     assert JOINT - 1 in joints
