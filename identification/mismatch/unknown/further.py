@@ -1,4 +1,4 @@
-"""Functions of one other joint each, on joints that all other classes leave more than noise.
+"""Functions of one other joint each, on joints that all other classes may leave more than noise.
 
 Here: which joints are asked, and the search, which puts groups in one by one. The usual search (`choice`) begins with
 all functions at once: so many would share a torque, and none of them would be missed. Not here: the functions
@@ -21,13 +21,13 @@ from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, J
 
 def left_more_than_noise(selection: Selection) -> list[int]:
     """Joints (from 0) whose classes leave more than the measured noise below some frequency, beyond the odds against a
-    class; none where the noise is not measured.
+    class. Where the noise is not measured nobody knows what is left: all that are asked.
     """
-    rows = selection.rows
+    rows, found = selection.rows, []
+    asked = np.flatnonzero(rows.asked).tolist()
     if not rows.problem.noise_is_measured:
-        return []
-    found = []
-    for joint in np.flatnonzero(rows.asked).tolist():
+        return asked
+    for joint in asked:
         state = selection.states[joint]
         now = selection.posterior(joint, state)
         freedom = np.maximum(state.gram.count - now.spread / state.hyper.noise, 1.0)
@@ -44,6 +44,8 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
     known: dict[Hashable, Found] = {}
     for joint in joints:
         candidates = selection.rows.further(joint, known)
+        if not candidates:
+            continue
         # What a joint holds may stand for what it lacked, so it grows from nothing too.
         empty = selection.settled(joint, selection.unsettled(joint, ()), FULL_ROUNDS)
         grown = [
@@ -72,8 +74,9 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
             state = selection.with_added(joint, state, [len(selection.rows.joints[joint].bases) - 1])
         else:
             state = selection.with_class(joint, state, number)
-        # Noise that was estimated has taken for noise what is put in.
-        state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
+        if selection.rows.noise_rows:
+            # Noise that was estimated has taken for noise what is put in.
+            state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
         state = _pruned(selection, joint, selection.settled(joint, state, FULL_ROUNDS, quiet=FULL_ROUNDS))
         worth = selection.score(joint, state)
         if worth <= score + PRIOR_COST:
@@ -86,7 +89,7 @@ def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, flo
     if not candidates:
         return {}
     state, rows = selection.states[joint], selection.rows.joints[joint]
-    noise = state.hyper.noise[selection.rows.band][:, None]
+    noise = (state.hyper.noise if selection.predicted else state.hyper.noise[selection.rows.band])[:, None]
     weighted = [own / noise for _, own in candidates]
     visible = [own.T @ other for (_, own), other in zip(candidates, weighted, strict=True)]
     every = np.concatenate(weighted, axis=1)
