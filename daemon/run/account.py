@@ -19,7 +19,7 @@ from daemon.log.parts import RECORDING_NAME, recover
 from daemon.log.recover import RecoverReport
 from daemon.run.judgement import judged
 from daemon.run.ladder import tags
-from daemon.run.outcome import digests_of, lost_between, outcome_sentences, tidy
+from daemon.run.outcome import digests_of, lost_between, lost_messages, outcome_sentences, tidy
 from daemon.run.spare_folder import files_elsewhere, write_run_file
 from daemon.times import now_text
 from fri_client.handover.ring import HandoverRing
@@ -90,7 +90,7 @@ def _report_from(held: RecoverReport) -> LoopReport:
         outcome="fault",
         reason="LOOP_LOST",
         sentence=f"Loop and supervisor ended without a word{end}",
-        received=held.samples,
+        received=held.samples + held.missing_in_handover,
         answered=held.messages.get("/fri/command", 0),
         missing=held.missing,
         periods_completed=max(held.last_period, 0),
@@ -112,7 +112,7 @@ def _write(
     lost = 0 if held is None else held.missing_in_handover
     if ring is not None:
         lost = lost_between(ring, lost, 0 if held is None else held.next_index)
-    lost = max(lost, report.received - samples)
+    lost = lost_messages(max(lost, report.received - samples), report, samples)
     exit_code = exit_code or int(lost > 0)
     gone += ", and no fit was started"
     gone += f"; `iiwa-ident fit` takes the recording.{trouble}" if samples else f".{trouble}"

@@ -64,6 +64,14 @@ def lost_between(ring: HandoverRing, gaps: int, next_index: int) -> int:
     return max(ring.lost, gaps + max(0, ring.produced + ring.lost - next_index))
 
 
+def lost_messages(records: int, report: LoopReport, samples: int) -> int:
+    """How many of the records that stand in no file held a message; the others held an event alone.
+
+    samples: messages in the file. Where the report counts fewer it was not the loop's own, and knows nothing of it.
+    """
+    return min(records, report.received - samples) if report.received >= samples else records
+
+
 def keep_last_samples(ring: HandoverRing, request: RunRequest, return_code: int | None) -> None:
     """The last two seconds of a loop that was killed, from its ring into the run's folder; as far as that is possible.
 

@@ -51,6 +51,7 @@ from daemon.run.outcome import (
     exit_code_of_run,
     keep_last_samples,
     lost_between,
+    lost_messages,
     note_no_start,
     outcome_sentences,
     report_of_loop,
@@ -344,6 +345,7 @@ class _Acquisition:
             lost = lost_between(self._ring, first.handover_gaps, first.last_index + 1)
         else:
             recording, samples, in_periods, gaps, lost = self._join_parts()
+        lost = lost_messages(lost, report, samples)
         for folder in {part.parent for part in self._parts}:
             tidy(folder)
         exit_code = exit_code_of_run(report, self._loop_exit_code, self._stop.signal_number)
