@@ -115,30 +115,41 @@ def _share(value: float, lower: float, upper: float) -> float:
 def _place(screen: Screen) -> Text:
     frame, left = screen.frame, remaining_s(screen.frame)
     full, empty = "#-" if screen.ascii_only else "━─"
-    text = Text(f"Run {frame.run_id}  {frame.robot}  ")
-    text.append(frame.phase.lower().replace("_", " ") or "waiting", style="bold")
+    facts = [Text(f"Run {frame.run_id}"), Text(frame.robot)]
+    facts.append(Text(frame.phase.lower().replace("_", " ") or "waiting", style="bold"))
     if frame.period >= 0:
-        text.append(f"  period {frame.period + 1} of {frame.periods}")
+        facts.append(Text(f"period {frame.period + 1} of {frame.periods}"))
+    text = _beside(facts, screen.width)
     if left is not None:
         whole = frame.periods * frame.rows_per_period * frame.table_period_s
         done = 1.0 - left / whole
-        length = round(done * _WIDE)
+        said = f" {100.0 * done:3.0f} %  {int(left // 60)}:{int(left % 60):02d} remain"
+        wide = max(0, min(_WIDE, screen.width - len(said)))
+        length = round(done * wide)
         text.append("\n")
-        text.append(full * length, style="green").append(empty * (_WIDE - length), style="dim")
-        text.append(f" {100.0 * done:3.0f} %  {int(left // 60)}:{int(left % 60):02d} remain")
+        text.append(full * length, style="green").append(empty * (wide - length), style="dim").append(said)
     return text
 
 
 def _link(screen: Screen) -> Text:
     frame = screen.frame
-    text = Text(f"{frame.session_state}  link ")
-    text.append(frame.quality, style=_GOOD.get(frame.quality, ""))
-    text.append(f"  received {frame.received}")
+    facts = [Text(frame.session_state), Text.assemble("link ", (frame.quality, _GOOD.get(frame.quality, "")))]
+    facts.append(Text(f"received {frame.received}"))
     for name in ("late", "missing", "lost"):
         count = getattr(frame, name)
-        text.append(f"  {name} {count}", style="bold red" if count else "")
+        facts.append(Text(f"{name} {count}", style="bold red" if count else ""))
     if screen.silent_s >= 1.0:
-        text.append(f"  NO FRAME FOR {screen.silent_s:.0f} s", style="bold red")
+        facts.append(Text(f"NO FRAME FOR {screen.silent_s:.0f} s", style="bold red"))
+    return _beside(facts, screen.width)
+
+
+def _beside(facts: list[Text], width: int) -> Text:
+    """Facts beside each other, and below where there is no room: a line ends between two of them, in none."""
+    text, used = facts[0].copy(), len(facts[0])
+    for fact in facts[1:]:
+        fits = used + 2 + len(fact) <= width
+        used = used + 2 + len(fact) if fits else len(fact)
+        text.append("  " if fits else "\n").append_text(fact)
     return text
 
 

@@ -10,6 +10,7 @@ import io
 import itertools
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -368,6 +370,18 @@ def test_a_terminal_too_narrow_for_bars_keeps_every_joint_and_its_numbers(width:
     rows = [line.split() for line in text.splitlines() if line.startswith("A")]
     assert rows == [[f"A{joint}", *numbers[: (width - 2) // 8]] for joint in range(1, 8)]
     assert "…" not in text
+
+
+@pytest.mark.parametrize("width", [30, 40, 60, 79])
+def test_lines_on_a_narrow_terminal_end_between_facts_and_in_none(width: int) -> None:
+    """Before, "period 3 of" stood at the end of a line and "16" on the next, and the bar went round the corner."""
+    screen = replace(full_screen(width), silent_s=3.0)
+    lines = [line.rstrip() for line in text_of(screen, width).splitlines()]
+    whole = [line.rstrip() for line in text_of(replace(screen, width=200), 200).splitlines()]
+    heads = [fact for line in (whole[0], whole[2]) for fact in re.split("  +", line)]
+    said = [fact for line in lines for fact in re.split("  +", line)]
+    assert [fact for fact in said if fact in heads] == heads
+    assert sum("remain" in line and "━" in line for line in lines) == 1
 
 
 def test_joints_stay_where_they_were_last_seen_when_the_robot_is_silent() -> None:
