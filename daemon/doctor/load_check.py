@@ -111,13 +111,16 @@ def load_before_motion(
     mass, share, per_kilogram = weight_at_rest(load_robot(request.robot, stand), here, left, FLANGE_M)
     if abs(mass) < LEAST_MASS_AT_REST_KG or share < LEAST_SHARE or per_kilogram * abs(mass) < LEAST_TORQUE_NM:
         return ""
-    more = "more" if mass > 0.0 else "less"
+    more, advice = (
+        ("more", "give it with --tool, unless somebody leans on the arm.")
+        if mass > 0.0
+        else ("less", "mount it, or give with --tool what is there (none: nothing), unless somebody holds the arm up.")
+    )
     worst = int(np.argmax(np.abs(left)))
     return (
         f"Before the motion the arm bears about {abs(mass):.1f} kg {more} on its flange than was declared (tool: "
         f"{request.tool}): its torque at rest is {abs(left[worst]):.1f} Nm from the predicted one on A{worst + 1}. "
-        "Torque limits, distances and the fit count with the declared tool: give it with --tool, unless somebody leans "
-        "on the arm."
+        f"Torque limits, distances and the fit count with the declared tool: {advice}"
     )
 
 

@@ -163,6 +163,9 @@ def test_a_tool_that_nobody_declared_is_said_before_the_motion(
         found = re.search(rf"about (\S+) kg {words} on its flange", said)
         assert found is not None, said
         assert float(found[1]) == pytest.approx(1.5, rel=0.15)
+        # A tool that is declared and not there is not to be declared once more.
+        assert ("give it with --tool" in said) == (words == "more")
+        assert ("mount it" in said) == (words == "less")
     else:
         assert said == ""
     moving = positions + np.linspace(0.0, 0.1, 50)[:, None]
