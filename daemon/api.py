@@ -83,6 +83,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     monitor_only: nothing is commanded, table_file and trajectory_file are empty, and the run lasts until somebody ends
     it, the robot ends its session or is silent for receive_timeout_s.
     test_mode_only: the motion begins in T1 alone; set by the supervisor for the first rung of the ladder.
+    too_fast_for_t1: why it does not begin in T1, as a clause; set by the supervisor, empty: it may.
     """
 
     run_id: str
@@ -123,6 +124,7 @@ class RunRequest(Message, frozen=True, kw_only=True):
     gravity_m_s2: tuple[float, float, float] | None = None
     monitor_only: bool = False
     test_mode_only: bool = False
+    too_fast_for_t1: str = ""
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""

@@ -62,8 +62,10 @@ class PreparedMotion:
     def speed_sentence(self) -> str:
         """How fast the end of the tool goes along the motion, and whether T1 lets it."""
         fastest = tip_speed(self.surroundings.geometry, self.table, 1.0 / TABLE_RATE_HZ)
-        verdict = "slow enough for T1" if fastest <= T1_SPEED_M_S else "too fast for T1"
-        return f"The end-effector reaches {rounded_up(fastest):.3f} m/s: {verdict}, which allows {T1_SPEED_M_S:g} m/s."
+        is_slow = fastest <= T1_SPEED_M_S
+        verdict = f"{'slow enough' if is_slow else 'too fast'} for T1, which allows {T1_SPEED_M_S:g} m/s"
+        only = "" if is_slow else "; it does not begin in T1"
+        return f"The end-effector reaches {rounded_up(fastest):.3f} m/s: {verdict}{only}."
 
     def foresight_sentence(self) -> str:
         """Plain words on what the check of torque stands on, and on what it does not know."""

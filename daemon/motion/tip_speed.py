@@ -15,8 +15,12 @@ T1_SPEED_M_S = 0.25
 
 def tip_speed(geometry: RobotGeometry, table: NDArray[np.float64], table_period_s: float) -> float:
     """Largest speed of the end of the tool, m/s, along one period, (N, n) rad, that is repeated without a break."""
-    path = geometry.tip_path(table)
-    return float(np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1).max()) / table_period_s
+    return path_speed(geometry, np.vstack([table, table[:1]]), table_period_s)
+
+
+def path_speed(geometry: RobotGeometry, path: NDArray[np.float64], period_s: float) -> float:
+    """The same along a path, (N, n) rad, that ends."""
+    return float(np.linalg.norm(np.diff(geometry.tip_path(path), axis=0), axis=1).max(initial=0.0)) / period_s
 
 
 def rounded_up(speed_m_s: float) -> float:

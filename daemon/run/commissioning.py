@@ -16,13 +16,13 @@ import os
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from daemon.api import RunOutcome, RunRequest
 from daemon.errors import ConfigurationError, DaemonError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
 from daemon.motion.tip_speed import T1_SPEED_M_S, rounded_up, tip_speed
 from daemon.motion.workspace import load_surroundings
 from daemon.run.ladder import highest_allowed, needs_ladder
+from daemon.run.loop_process import load_table
 from daemon.times import now_text
 
 
@@ -72,6 +72,19 @@ def is_first_rung(request: RunRequest) -> bool:
     return needs_ladder(request) and not request.skip_ladder and not _done(request, rung_of(request))
 
 
+def held_to_modes(request: RunRequest) -> RunRequest:
+    """The request with the operation modes in which its motion may not begin. Raises as `admit` does."""
+    if request.monitor_only:
+        return request
+    speed, too_fast = _speed(request), ""
+    if speed > T1_SPEED_M_S:
+        too_fast = (
+            f"the end-effector would reach {rounded_up(speed):.3f} m/s, and the robot is in T1, which allows "
+            f"{T1_SPEED_M_S:g} m/s: drive this amplitude in T2 or AUT, or a smaller one"
+        )
+    return msgspec.structs.replace(request, test_mode_only=is_first_rung(request), too_fast_for_t1=too_fast)
+
+
 def _done(request: RunRequest, rung: Rung) -> float:
     """The largest amplitude that was completed on the ladder; 0: none yet."""
     return max((line.amplitude for line in _read(ladder_file(request)) if line.ladder == rung.ladder), default=0.0)
@@ -102,10 +115,15 @@ def admit(request: RunRequest) -> str:
     raise LadderError(rung.arm, rung.amplitude, done, allowed)
 
 
-def _check_speed(request: RunRequest) -> None:
-    table = np.load(request.table_file, allow_pickle=False)
+def _speed(request: RunRequest) -> float:
+    """Of the end of the tool along the motion, m/s; 0 for a table that the loop will refuse."""
+    table = load_table(request.table_file)
     geometry = load_surroundings(request.robot, request.workspace_file).geometry
-    speed = tip_speed(geometry, table, request.table_period_s)
+    return tip_speed(geometry, table, request.table_period_s) if table.shape[1:] == (7,) else 0.0
+
+
+def _check_speed(request: RunRequest) -> None:
+    speed = _speed(request)
     if speed > T1_SPEED_M_S:
         raise TooFastForT1Error(request.amplitude, rounded_up(speed), T1_SPEED_M_S)
 

@@ -198,6 +198,7 @@ def _make_loop(request: RunRequest, channel: UdpChannel, ring: HandoverRing) -> 
         fake_robot_only=request.simulation,
         monitor_only=request.monitor_only,
         test_mode_only=request.test_mode_only,
+        too_fast_for_t1=request.too_fast_for_t1,
     )
     return FriLoop(channel, version, partial(motion_of, request, table, limits), ring, settings)
 

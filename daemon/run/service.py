@@ -8,8 +8,7 @@ What happens when a child dies:
   - recorder: the loop is asked for a stop ramp, a second recorder takes over the same ring (which still holds all that
     is not safe) into a part of its own, and both parts are joined into recording.mcap; the broken one is kept too.
     When the disk is what failed, the part goes to the system's temporary folder.
-  - loop: the robot gets no answers and brakes by itself; the recorder writes what the ring holds. A loop that is held
-    (SIGSTOP) for STOPPED_S is ended.
+  - loop: the robot gets no answers and brakes by itself; the recorder writes what is left. One held for STOPPED_S ends.
   - supervisor: the loop misses its heartbeat and stops by ramp, the recorder goes on until the loop has ended; the
     loop's process then writes run.json.
   - loop and supervisor, or the supervisor once the loop has ended: the recorder, which stays for that, writes run.json.
@@ -40,7 +39,7 @@ from daemon.host import software_versions
 from daemon.jobs.worker_start import start_worker
 from daemon.json_files import read_json, write_json
 from daemon.log.parts import join_parts, part_path
-from daemon.run.commissioning import admit, is_first_rung, remember
+from daemon.run.commissioning import admit, held_to_modes, remember
 from daemon.run.control import ControlInbox
 from daemon.run.folder import make_room, prepare_folder
 from daemon.run.judgement import judged
@@ -89,7 +88,7 @@ def run_acquisition(
     """
     observe = unfailing(observe)
     _tell_if(observe, admit(request))
-    request = msgspec.structs.replace(request, test_mode_only=is_first_rung(request))
+    request = held_to_modes(request)
     with contextlib.nullcontext() if port_is_locked else lock_port(request.bind_host, request.bind_port):
         stop = stop or StopHandle()
         if request.fri_version == AUTO_VERSION:
@@ -349,8 +348,7 @@ class _Acquisition:
         for folder in {part.parent for part in self._parts}:
             tidy(folder)
         exit_code = exit_code_of_run(report, self._loop_exit_code, self._stop.signal_number)
-        if (first is None or lost) and not exit_code:
-            exit_code = 1
+        exit_code = exit_code or int(first is None or lost > 0)
         outcome = RunOutcome(
             run_id=self._request.run_id,
             outcome=report.outcome,

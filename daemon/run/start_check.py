@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon.api import RunRequest
 from daemon.doctor.load_check import load_before_motion
+from daemon.motion.tip_speed import T1_SPEED_M_S, path_speed, rounded_up
 from daemon.motion.torque_foresight import foresight_of_run
 from daemon.motion.workspace import load_surroundings
 from daemon.run.loop_process import load_table, motion_of
@@ -43,7 +44,8 @@ class StartCheck:
         self._gate = gate
         self._limits = limits_for(request.robot)
         self._table = load_table(request.table_file)
-        self._distances = load_surroundings(request.robot, request.workspace_file).distances(self._limits)
+        surroundings = load_surroundings(request.robot, request.workspace_file)
+        self._geometry, self._distances = surroundings.geometry, surroundings.distances(self._limits)
         gate.close()
 
     def poll(self) -> str:
@@ -87,6 +89,11 @@ class StartCheck:
         ramp = SampledPath(path, question.command_period_s)
         checks, _ = self._distances.check([ramp], "start ramp")
         unsafe = [check.sentence for check in checks if not check.passed]
+        if not unsafe and self._request.test_mode_only:
+            speed = path_speed(self._geometry, path, ramp.period_s)
+            if speed > T1_SPEED_M_S:
+                reaches = f"On its way to the motion the end-effector would reach {rounded_up(speed):.3f} m/s"
+                unsafe = [f"{reaches}; T1, in which this run is driven, allows {T1_SPEED_M_S:g} m/s."]
         if not unsafe:
             unsafe = self._unsafe_stops(path, ramp.period_s)
         if unsafe:

@@ -222,7 +222,8 @@ class Pilot:
                 self.hindrance = "the check of the start ramp is not done yet"
             if self.hindrance:
                 return False
-            session.begin_motion(message, test_mode_only=self._settings.test_mode_only)
+            only, never = self._settings.test_mode_only, bool(self._settings.too_fast_for_t1)
+            session.begin_motion(message, test_mode_only=only, never_in_t1=never)
             self._ipo_at_begin = ipo
             self.motion.begin(ipo)
         except (FriError, SafetyError) as error:
@@ -250,9 +251,13 @@ class Pilot:
         return True
 
     def _wrong_mode(self, message: MonitoringMessage) -> str:
-        """The first run of a motion on an arm is one in T1; a robot that does not say its mode cannot be held to it."""
+        """The first run of a motion on an arm is one in T1, and none is that is too fast for it; a robot that does not
+        say its mode cannot be held to it.
+        """
         mode = None if message.robot_info is None else message.robot_info.operation_mode
-        if not self._settings.test_mode_only or mode in (None, OperationMode.TEST_MODE_1):
+        if mode == OperationMode.TEST_MODE_1:
+            return self._settings.too_fast_for_t1
+        if not self._settings.test_mode_only or mode is None:
             return ""
         return (
             f"the first run of a motion on an arm is driven in T1, and the robot is in {name_of(OperationMode, mode)}"

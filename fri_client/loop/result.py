@@ -35,7 +35,8 @@ class LoopSettings:
     before the robot has said its own. fake_robot_only: no motion begins unless the robot says of itself that it is the
     fake one; nobody was asked whether an arm may move.
     monitor_only: no motion begins at all; the run lasts until somebody ends it or the robot leaves. test_mode_only: no
-    motion begins while the robot says that it is in T2 or AUT.
+    motion begins while the robot says that it is in T2 or AUT. too_fast_for_t1: why none begins while it says that it
+    is in T1, as a clause; empty where one may.
     """
 
     receive_timeout_s: float | None = None
@@ -48,6 +49,7 @@ class LoopSettings:
     fake_robot_only: bool = False
     monitor_only: bool = False
     test_mode_only: bool = False
+    too_fast_for_t1: str = ""
 
     def silence_s(self, *, simulated: bool) -> float:
         """Wall-clock silence that drops a session. simulated: the robot's time is, so that it may pause unharmed."""

@@ -56,18 +56,18 @@ class _Modes(NamedTuple):
 class MotionTerms:
     """Made from the message that a motion begins with; `breach` for each later one.
 
-    connection: of that message. test_mode_only: the motion is one for T1.
+    connection: of that message. test_mode_only: the motion is one for T1. never_in_t1: it is too fast for T1.
     """
 
-    __slots__ = ("_command_mode", "_modes", "_overlay", "_robot", "_test_mode_only", "connection")
+    __slots__ = ("_command_mode", "_modes", "_never_in_t1", "_overlay", "_robot", "_test_mode_only", "connection")
 
-    def __init__(self, message: MonitoringMessage, *, test_mode_only: bool) -> None:
+    def __init__(self, message: MonitoringMessage, *, test_mode_only: bool, never_in_t1: bool) -> None:
         ipo = message.ipo_data or _NO_IPO
         self.connection = message.connection_info
         self._robot = message.robot_info
         self._command_mode, self._overlay = ipo.client_command_mode, ipo.overlay_type
         self._modes = _Modes.of(message)
-        self._test_mode_only = test_mode_only
+        self._test_mode_only, self._never_in_t1 = test_mode_only, never_in_t1
 
     def breach(self, message: MonitoringMessage, info: ConnectionInfo, state: int) -> Breach | None:
         """What in a fresh message ends the motion; None where nothing does. state: of the session, by that message."""
@@ -91,7 +91,7 @@ class MotionTerms:
         # Causes before consequences: a safety stop takes the state away, and leaving takes the drives away.
         if robot.safety_state not in (None, SafetyState.NORMAL_OPERATION):
             return Breach(DropReason.SAFETY_STOP, robot.safety_state, SafetyState.NORMAL_OPERATION)
-        is_wrong = self._test_mode_only and now.operation != OperationMode.TEST_MODE_1
+        is_wrong = self._never_in_t1 if now.operation == OperationMode.TEST_MODE_1 else self._test_mode_only
         if now.operation is not None and (is_wrong or changed(now.operation, then.operation)):
             return Breach(DropReason.OPERATION_MODE, now.operation, then.operation)
         if not is_good(info.quality):

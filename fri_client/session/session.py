@@ -220,16 +220,18 @@ class Session:
             self.answer_due = True
         return disposition
 
-    def begin_motion(self, message: MonitoringMessage, *, test_mode_only: bool = False) -> None:
+    def begin_motion(
+        self, message: MonitoringMessage, *, test_mode_only: bool = False, never_in_t1: bool = False
+    ) -> None:
         """From here on the session is watched: call it with the COMMANDING_ACTIVE message the motion starts from.
 
-        test_mode_only: a motion for T1. Raises ValueError where `obstacle` names one, or when a session was dropped
-        before: a latched session stays so.
+        test_mode_only, never_in_t1: see `MotionTerms`. Raises ValueError where `obstacle` names one, or when a session
+        was dropped before: a latched session stays so.
         """
         hindrance = self.obstacle(message)
         if self.drop is not None or hindrance is not None:
             raise ValueError(hindrance or "the session is latched")
-        self._terms = MotionTerms(message, test_mode_only=test_mode_only)
+        self._terms = MotionTerms(message, test_mode_only=test_mode_only, never_in_t1=never_in_t1)
         self._begun_ns = self.last_fresh_ns
 
     def obstacle(self, message: MonitoringMessage) -> str | None:

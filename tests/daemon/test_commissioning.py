@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from daemon.api import RunOutcome, RunRequest
 from daemon.errors import LadderError, TooFastForT1Error
-from daemon.run.commissioning import admit, is_first_rung, ladder_file, remember
+from daemon.motion.tip_speed import rounded_up
+from daemon.run.commissioning import admit, held_to_modes, is_first_rung, ladder_file, remember
 from daemon.run.ladder import RUNGS, highest_allowed, tags
 
 from .producer import make_request
@@ -176,3 +177,10 @@ def test_a_first_run_faster_than_t1_allows_is_refused_with_the_amplitude_that_is
         admit(first)
     np.save(first.table_file, table * [0.9 * 0.25 / speed, 1, 1, 1, 1, 1, 1])
     assert admit(first)
+    assert not held_to_modes(first).too_fast_for_t1
+    # Of a later rung, or of one taken before its turn, the loop is told, which knows the mode of the robot.
+    for later in (request(tmp_path, 0.25, skip_ladder=True), request(tmp_path, 0.1, simulation=True)):
+        np.save(later.table_file, table)
+        told = held_to_modes(later).too_fast_for_t1
+        assert f"reach {rounded_up(refusal.value.speed_m_s):.3f} m/s" in told
+    assert not held_to_modes(request(tmp_path, 1.0, monitor_only=True, table_file="")).too_fast_for_t1

@@ -105,6 +105,24 @@ def test_the_supervisor_clears_a_start_beside_the_motion(ring: HandoverRing, tmp
     assert ring.gate.passes(REST, 0.001, 1)
 
 
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_way_to_the_motion_that_is_too_fast_for_t1_is_not_begun_where_the_run_is_one_in_t1(
+    ring: HandoverRing, tmp_path: Path, is_first: bool
+) -> None:
+    """From behind the base all large joints turn at once."""
+    behind = (2.0, -1.5, 0.1, -0.1, -2.1, 0.5, 1.7)
+    request = make_request(tmp_path, lead_in_s=0.2, test_mode_only=is_first)
+    gentle_table(tmp_path)
+    check = StartCheck(request, ring.gate)
+    assert not ring.gate.passes(behind, 0.001, 1)
+    assert ("T1, in which this run is driven, allows 0.25 m/s" in check.poll()) == is_first
+    if is_first:
+        with pytest.raises(StartRefused, match="jog the arm nearer"):
+            ring.gate.passes(behind, 0.001, 1)
+    else:
+        assert ring.gate.passes(behind, 0.001, 1)
+
+
 def test_a_box_between_the_arm_and_the_motion_keeps_the_gate_shut(ring: HandoverRing, tmp_path: Path) -> None:
     """Turned by 100° about A1 the arm stands left of a post that the motion itself, in front, never comes near to."""
     request = make_request(tmp_path, lead_in_s=0.2, workspace_file=str(tmp_path / "cell.yaml"))

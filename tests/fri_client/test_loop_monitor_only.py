@@ -130,6 +130,37 @@ def test_a_first_run_is_held_to_t1_too_where_the_robot_says_its_mode_only_in_the
     robot.assert_gentle()
 
 
+@pytest.mark.parametrize(("operation", "outcome"), [(0, "not_started"), (1, "completed"), (2, "completed")])
+def test_a_motion_too_fast_for_t1_does_not_begin_in_it(operation: int, outcome: str) -> None:
+    """The cabinet would stop it on the way; before, the question to the operator said so, and it was driven."""
+    clause = "the end-effector would reach 0.632 m/s"
+    settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, too_fast_for_t1=clause)
+    with running(settings=settings) as (client, robot):
+        robot.exchange(WAIT, 3, operation=operation)
+        robot.exchange(COMMANDING_WAIT, 5, operation=operation)
+        if outcome == "completed":
+            robot.until_done(client, operation=operation)
+        while client.thread.is_alive():
+            robot.send(ACTIVE, operation=operation)
+            robot.take_if_alive(client)
+        result = client.finish()
+    assert result.outcome == outcome, result.sentence
+    assert (clause in result.sentence) == (outcome == "not_started")
+
+
+def test_a_motion_too_fast_for_t1_ends_where_the_robot_says_its_mode_only_then() -> None:
+    settings = LoopSettings(receive_timeout_s=60.0, too_fast_for_t1="it is too fast")
+    with running(settings=settings) as (client, robot):
+        robot.exchange(WAIT, 3, operation=None)
+        robot.exchange(COMMANDING_WAIT, 5, operation=None)
+        robot.exchange(ACTIVE, 700, operation=None)
+        robot.until_done(client, operation=0)
+        result = client.finish()
+    assert result.outcome == "dropped", result.sentence
+    assert result.standstill_confirmed
+    robot.assert_gentle()
+
+
 def test_who_ends_the_wait_for_a_motion_is_told_what_it_waited_for() -> None:
     with running(settings=LoopSettings(test_mode_only=True)) as (client, robot):
         robot.exchange(WAIT, 3)
