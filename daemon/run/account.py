@@ -63,7 +63,7 @@ def account_for_folder(folder: Path, held: RecoverReport) -> RunOutcome | None:
     left = folder / REPORT_NAME
     if not left.is_file():
         left = files_elsewhere(began).get(REPORT_NAME, left)
-    report = read_json(left, LoopReport) if left.is_file() else _report_from(held)
+    report = read_json(left, LoopReport) if left.is_file() else _report_from(request, held)
     elsewhere = kept_elsewhere(folder)
     gone = "The run lost this folder before its end" if elsewhere else _SUPERVISOR_GONE
     gone += ": this account was written by `iiwa-ident recover`"
@@ -79,13 +79,15 @@ def kept_elsewhere(folder: Path) -> str:
     return f"What its processes wrote from then on is in {places.pop()}: {', '.join(files)}." if places else ""
 
 
-def _report_from(held: RecoverReport) -> LoopReport:
+def _report_from(request: RunRequest, held: RecoverReport) -> LoopReport:
     """The report of a loop that left none, from the recording alone."""
     end = (
         "; the robot got no more answers and braked by itself, standstill unconfirmed."
         if held.samples
         else ". The recording holds no message of a robot: as far as it tells, nothing was moved by this run."
     )
+    if request.monitor_only:
+        end = "; no motion was commanded."
     return LoopReport(
         outcome="fault",
         reason="LOOP_LOST",

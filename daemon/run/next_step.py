@@ -44,7 +44,8 @@ def next_step(outcome: RunOutcome, fit: WorkerStatus | None) -> str:
     recording = shlex.quote(outcome.recordings[0] if outcome.recordings else f"{folder}/recording.mcap")
     if request is not None and request.monitor_only and outcome.samples:
         return f"Next: `iiwa-ident fit {recording}`; the more joints moved, and the faster, the more it finds."
-    if loop is not None and not loop.standstill_confirmed and outcome.outcome != "refused":
+    commanded = request is None or not request.monitor_only
+    if loop is not None and commanded and not loop.standstill_confirmed and outcome.outcome != "refused":
         return "Next: make sure that the arm stands (emergency stop) before anybody comes near it."
     if outcome.outcome in ("refused", "fault"):
         return "Next: mend what the first sentence names; nothing moves until then."

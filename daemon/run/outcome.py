@@ -89,7 +89,9 @@ def _how(return_code: int | None) -> str:
     return f"was killed by signal {-return_code}" if return_code < 0 else "crashed"
 
 
-def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_words: str) -> LoopReport:
+def loop_report_without_loop(
+    request: RunRequest, ring: HandoverRing, return_code: int | None, last_words: str
+) -> LoopReport:
     """The report of a loop that was killed or crashed, from the last status it left in the ring.
 
     return_code: None where nobody knows it.
@@ -101,6 +103,8 @@ def loop_report_without_loop(ring: HandoverRing, return_code: int | None, last_w
         if status.received or ring.produced
         else " before a message of a robot came; nothing was moved by this run."
     )
+    if request.monitor_only:
+        end = "; no motion was commanded."
     return LoopReport(
         outcome="fault",
         reason="LOOP_LOST",
@@ -119,7 +123,7 @@ def report_of_loop(request: RunRequest, ring: HandoverRing, loop: Child) -> tupl
     with contextlib.suppress(DaemonError):
         return read_json(find_run_file(request, REPORT_NAME), LoopReport), code
     if code <= 0 or ring.status.received or folder.is_dir():
-        report = loop_report_without_loop(ring, code, loop.last_words)
+        report = loop_report_without_loop(request, ring, code, loop.last_words)
         return report, EXIT_CODES[report.outcome]
     gone = FolderGoneError(str(folder))
     report = LoopReport(outcome="refused", reason=type(gone).__name__, sentence=str(gone))

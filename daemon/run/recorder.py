@@ -314,7 +314,7 @@ def see_to_the_account(request: RunRequest, ring: HandoverRing, supervision: Sup
     folder = Path(request.out_dir)
     while not find_run_file(request, RUN_NAME).is_file():
         if supervision.is_orphan and not (ring.finished and processes_of("daemon.run.loop_process", folder)):
-            report = loop_report_without_loop(ring, None, "")
+            report = loop_report_without_loop(request, ring, None, "")
             with contextlib.suppress(DaemonError):
                 report = read_json(find_run_file(request, REPORT_NAME), LoopReport)
             leave_outcome(request, report, EXIT_CODES[report.outcome], writer="the recorder", ring=ring)

@@ -36,6 +36,8 @@ FAILED = WorkerStatus(job_id="one", phase="failed", sentence="Failed.")
         ({"outcome": "stopped", "exit_code": 130, "standstill": False, "phases": ()}, {}, None, "can be given again"),
         ({"outcome": "stopped", "exit_code": 130, "standstill": False}, {}, None, "emergency stop"),
         ({"outcome": "dropped", "exit_code": 1, "standstill": False}, {}, None, "emergency stop"),
+        ({"outcome": "fault", "exit_code": 70, "standstill": False}, {}, None, "emergency stop"),
+        ({"outcome": "fault", "exit_code": 70, "standstill": False}, {"monitor_only": True}, None, "mend"),
         ({"outcome": "refused", "exit_code": 65}, {}, None, "mend"),
         ({"exit_code": 1}, {}, None, "iiwa-ident recover"),
         ({"exit_code": 74}, {}, None, "then `iiwa-ident fit runs/one/recording.mcap`"),

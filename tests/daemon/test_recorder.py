@@ -226,15 +226,16 @@ def test_a_patient_file_is_not_created_over_another(tmp_path: Path) -> None:
         PatientFile(tmp_path / "a")
 
 
+@pytest.mark.parametrize("watched", [False, True])
 def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
-    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch, watched: bool
 ) -> None:
     """Loop and supervisor were killed together, before the recorder was there: the ring was never finished."""
     monkeypatch.setattr("daemon.run.recorder.ORPHAN_PATIENCE_S", 0.1)
     with subprocess.Popen([sys.executable, "-c", ""]) as supervisor:
         pass
     Producer(ring).push(250)
-    write_json(tmp_path / "recorder0.json", make_job(tmp_path))
+    write_json(tmp_path / "recorder0.json", make_job(tmp_path, monitor_only=watched))
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)}
     try:
         options = ["--ring-fd", str(ring.fd), "--supervisor", str(supervisor.pid)]
@@ -244,7 +245,8 @@ def test_a_recorder_that_is_left_alone_writes_the_account_of_the_run(
             signal.signal(number, handler)
     outcome = read_json(tmp_path / "run.json", RunOutcome)
     assert (outcome.outcome, outcome.exit_code, outcome.samples, outcome.handover_gaps) == ("fault", 70, 250, 0)
-    assert "brakes by itself" in outcome.sentences[0]
+    assert ("brakes by itself" in outcome.sentences[0]) == (not watched)
+    assert ("no motion was commanded" in outcome.sentences[0]) == watched
     assert any("written by the recorder" in sentence for sentence in outcome.sentences)
     assert not (tmp_path / "recorder0.json").exists()
 

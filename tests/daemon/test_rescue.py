@@ -193,12 +193,16 @@ def test_a_recorder_that_is_stopped_for_ever_is_ended_and_its_samples_are_writte
     assert [state.sample_index for state in read_states(tmp_path / "recording.mcap")] == list(range(300))
 
 
-def test_a_loop_killed_after_its_periods_has_driven_them() -> None:
+def test_a_loop_killed_after_its_periods_has_driven_them(tmp_path: Path) -> None:
     with running() as (client, robot):
         robot.to_active()
         while client.ring.status.phase < MotionPhase.STOP_RAMP:
             robot.exchange(ACTIVE)
-        report = loop_report_without_loop(client.ring, -9, "")
+        report = loop_report_without_loop(make_request(tmp_path), client.ring, -9, "")
+        watched = loop_report_without_loop(make_request(tmp_path, monitor_only=True), client.ring, -9, "")
         robot.until_done(client)
     assert report.outcome == "fault"
     assert report.periods_completed == 2
+    assert "brakes by itself" in report.sentence
+    # What only recorded has no motion of its own that could come to rest.
+    assert watched.sentence == "The loop process was killed by signal 9; no motion was commanded."
