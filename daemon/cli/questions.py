@@ -45,7 +45,7 @@ def _heard() -> Iterator[None]:
     reads, writes = os.pipe()
     os.set_blocking(writes, False)
     before = signal.set_wakeup_fd(writes, warn_on_full_buffer=False)
-    sys.stdin = _Keys(stdin, reads)  # type: ignore[assignment]
+    sys.stdin = _Keys(stdin, reads)
     try:
         yield
     finally:
@@ -69,6 +69,7 @@ class _Keys:
         self._signals = signals
 
     def readline(self, *size: int) -> str:
-        while self._stdin not in (ready := select.select([self._stdin, self._signals], [], [])[0]):
-            os.read(ready[0], 1)  # a signal that ends nothing
+        keys = self._stdin.fileno()
+        while keys not in select.select([keys, self._signals], [], [])[0]:
+            os.read(self._signals, 1)  # of one that ends nothing
         return self._stdin.readline(*size)
