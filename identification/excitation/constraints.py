@@ -22,6 +22,7 @@ from identification.errors import DesignError
 from identification.excitation.fourier import FourierTrajectory, fourier_basis
 from identification.excitation.limits import ExcitationLimits
 
+_COMMANDS_HZ = 1000.0
 _SMOOTHING = 1e-12
 """Added under the square roots of (14d, e), (rad/s)²: their derivative at zero amplitude stays finite."""
 
@@ -140,19 +141,18 @@ def repaired(coefficients: FloatArray, constraints: Constraints, basis: FloatArr
 def verify(
     trajectory: FourierTrajectory,
     limits: ExcitationLimits,
-    rate_hz: float = 1000.0,
     torque_of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
 ) -> dict[str, Any]:
-    """Check a trajectory at every command of its table, and against (14).
+    """Check a trajectory at every command of its table, 1000 a second, and against (14).
 
     Returns `samples`, peak ratios to the limits per joint (`position`, `velocity`, `acceleration`), `rest_at_start`
     (largest |q - offset|, |q̇|, |q̈| at t = 0), `paper` (largest ratio over (14d)-(14g) per joint) and the booleans
     `within_limits` (true limits on the grid, velocity also between successive commands) and `within_paper_limits`.
     torque_of: foreseen torque (S, n) of a motion; with it also `torque`, and `within_limits` counts it.
     """
-    q, dq, ddq = trajectory.evaluate(trajectory.sample_times(rate_hz))
+    q, dq, ddq = trajectory.evaluate(trajectory.sample_times(_COMMANDS_HZ))
     half = 0.5 * (limits.position_upper - limits.position_lower)
-    step = np.abs(np.diff(q, axis=0, append=q[:1])) * rate_hz
+    step = np.abs(np.diff(q, axis=0, append=q[:1])) * _COMMANDS_HZ
     position = np.max(np.abs(q - limits.middle), axis=0) / half
     velocity = np.maximum(np.max(np.abs(dq), axis=0), np.max(step, axis=0)) / limits.velocity
     acceleration = np.max(np.abs(ddq), axis=0) / limits.acceleration
