@@ -206,7 +206,9 @@ class Histogram(Message, frozen=True, kw_only=True):
 class LoopReport(Message, frozen=True, kw_only=True):
     """What the loop process saw and did; written as `loop_report.json` into the run's folder.
 
-    received: monitoring datagrams decoded; answered: commands sent; late: answered after the send period;
+    received: monitoring datagrams decoded; answered: commands sent; late: answered after the send period; held_back:
+    answers of the motion that did not go out, since two commands could have reached one cycle of the robot;
+    message_spacing_ms: mean time from one message to the next, by the robot's counter, null in simulated time;
     missing: gaps in the robot's sequence counter; duplicates, stale (older than one already seen), refused (decoded,
     but not usable: non-finite position, too few joints), undecodable; foreign: datagrams of another sender;
     lost_in_handover: samples that found the ring full. Peaks per joint of what was commanded: rad, rad/s, rad/s²,
@@ -233,6 +235,8 @@ class LoopReport(Message, frozen=True, kw_only=True):
     received: int = 0
     answered: int = 0
     late: int = 0
+    held_back: int = 0
+    message_spacing_ms: float | None = None
     missing: int = 0
     duplicates: int = 0
     stale: int = 0

@@ -188,8 +188,10 @@ def outcome_sentences(
         if sequence_gaps or handover_gaps
         else "none missing"
     )
+    spacing = "" if report.message_spacing_ms is None else f", with a message every {report.message_spacing_ms:.4f} ms"
+    held_back = f"{report.held_back} answers held back{spacing}, " if report.held_back else ""
     sentences.append(
-        f"{report.received} monitoring messages received, {report.answered} answered, {report.late} late; "
+        f"{report.received} monitoring messages received, {report.answered} answered, {held_back}{report.late} late; "
         f"{samples} samples recorded, {lost}."
     )
     if report.outcome in ("stopped", "dropped", "fault") and not request.monitor_only:

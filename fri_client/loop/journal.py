@@ -25,6 +25,7 @@ class Journal:
     """Keeps the events of the tick at hand and the list of phases; the list is bounded by phases and periods.
 
     tick counts fresh messages. stop_tick is the tick at which the motion was stopped or dropped, None before.
+    held_back: answers of a motion that did not go out.
     """
 
     def __init__(self, ring: HandoverRing) -> None:
@@ -35,7 +36,8 @@ class Journal:
         self._known_reason: object = None
         self._stop_kind: StopKind | None = None
         self._memory = LinkMemory()
-        self._gap = 0
+        self._gap = self._told_held_back = 0
+        self.held_back = 0
         self.spans: list[PhaseTicks] = []
         self.tick = 0
         self.stop_tick: int | None = None
@@ -117,8 +119,8 @@ class Journal:
     ) -> None:
         """Hand one record over; the first event rides in it, further ones follow in records without a datagram."""
         push, events = self._ring.push, self._events
-        self._memory.tick(receive_ns, send_ns, self._gap)
-        self._gap = 0
+        self._memory.tick(receive_ns, send_ns, self._gap, held_back=self.held_back - self._told_held_back)
+        self._gap, self._told_held_back = 0, self.held_back
         if not events:
             push(receive_ns, send_ns, phase, period, sample, datagram, command, 0, 0, 0.0, 0.0, disposition)
             return

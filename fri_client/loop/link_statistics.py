@@ -91,14 +91,29 @@ class LinkStatistics:
     turn_around: from receive to send. jitter: |interval between two messages - their distance in send periods|.
     """
 
-    __slots__ = ("_newest", "_newest_receive_ns", "jitter", "late", "turn_around", "undecodable")
+    __slots__ = (
+        "_newest",
+        "_newest_receive_ns",
+        "_spaced_ns",
+        "_spaces",
+        "jitter",
+        "late",
+        "turn_around",
+        "undecodable",
+    )
 
     def __init__(self) -> None:
         self.late = 0
         self.undecodable = 0
         self.turn_around = Histogram()
         self.jitter = Histogram()
+        self._spaces = self._spaced_ns = 0
         self.restart()
+
+    @property
+    def spacing_ms(self) -> float | None:
+        """Mean time from one of the robot's messages to the next, by its counter; None before there are two."""
+        return 1e-6 * self._spaced_ns / self._spaces if self._spaces else None
 
     def restart(self) -> None:
         """Forget the counter of the robot (a new session may start anywhere); what was measured stays."""
@@ -125,6 +140,8 @@ class LinkStatistics:
         if self._newest is not None and period_ns:
             ahead = (sequence_counter - self._newest) & WRAP
             self.jitter.add(abs(receive_ns - self._newest_receive_ns - ahead * period_ns))
+            self._spaces += ahead
+            self._spaced_ns += receive_ns - self._newest_receive_ns
         self._newest, self._newest_receive_ns = sequence_counter, receive_ns
 
     def summary(self) -> dict[str, Any]:

@@ -255,6 +255,7 @@ class FriLoop:
         send_ns = 0
         if newest.due:
             answer = self._pilot.decide(message, usable=newest.disposition == _FRESH)
+        is_held_back = newest.due and answer is None and session.begun
         if answer is not None:
             position = answer.command if isinstance(answer, Judged) else answer.position
             if position is None:
@@ -263,12 +264,14 @@ class FriLoop:
             else:
                 command = codec.encode_position_command(session.own_counter, counter, position)
             if isinstance(answer, Judged):
-                send_ns = self._gate.send(answer, command, newest.address, session.moment) or 0
+                left_ns = self._gate.send(answer, command, newest.address, session.moment)
+                send_ns, is_held_back = left_ns or 0, left_ns is None
             else:
                 send_ns = self._gate.send_header(command, newest.address)
         if send_ns:
             session.sent()
             self._pilot.went_out(answer, counter)
+        self._journal.held_back += is_held_back and session.drop is None
         self._finish(newest, send_ns, command)
         if newest.disposition == _FRESH:
             self._versions.note_readable(newest.datagram)
@@ -380,6 +383,8 @@ class FriLoop:
         now = self._clock_ns()
         result = self._ending.result(outcome, now, started_ns, self._peer.foreign)
         result.late = self.statistics.late + self._unanswered
+        result.held_back = self._journal.held_back
+        result.message_spacing_ms = None if self.session.clock.simulated else self.statistics.spacing_ms
         result.undecodable = self.statistics.undecodable
         if outcome != "completed":
             result.keep_last_samples(read_last_samples(self._ring, self._codec))

@@ -73,7 +73,8 @@ class LoopResult:
 
     criterion: of the guard's, where it was one. stop_kind, stop_duration_s: how the arm was brought to rest; overruled:
     commands of the stop that the guard objected to, because the arm did not follow. last_samples: the two seconds
-    before an end that was not the planned one.
+    before an end that was not the planned one. held_back: answers of a motion that did not go out, since two commands
+    could have reached one cycle of the robot. message_spacing_ms: see `LinkStatistics`, None in simulated time.
     """
 
     outcome: Outcome
@@ -90,6 +91,8 @@ class LoopResult:
     last_samples: LastSamples | None = None
     standstill_confirmed: bool = False
     late: int = 0
+    held_back: int = 0
+    message_spacing_ms: float | None = None
     foreign: int = 0
     undecodable: int = 0
     duration_s: float = 0.0

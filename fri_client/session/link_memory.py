@@ -23,7 +23,7 @@ _QUALITIES = 8
 @dataclass(frozen=True, slots=True)
 class RecentLink:
     """The link before an end. missing, answered, turn_around_ms (longest, None without an answer), pause_ms (longest
-    between two messages; 0: none that is worth a word): of the last second.
+    between two messages; 0: none that is worth a word), held_back (answers that were not let out): of the last second.
 
     qualities: the last changes as (seconds before the end, quality before, quality after), oldest first.
     """
@@ -33,6 +33,7 @@ class RecentLink:
     turn_around_ms: float | None
     qualities: tuple[tuple[float, int, int], ...] = ()
     pause_ms: float = 0.0
+    held_back: int = 0
 
     def clause(self) -> str:
         """The numbers as part of a sentence."""
@@ -44,28 +45,31 @@ class RecentLink:
         if self.pause_ms:
             longest += f", longest pause between messages {self.pause_ms:.0f} ms"
         quality = f"; quality {history.removeprefix(', ')}" if history else "; quality unchanged in the motion"
-        return f"in the last second {self.missing} messages missing and {longest}{quality}"
+        held_back = f", {self.held_back} answers held back" if self.held_back else ""
+        return f"in the last second {self.missing} messages missing{held_back} and {longest}{quality}"
 
 
 class LinkMemory:
     """Remembers the last _TICKS ticks and the last changes of the quality; nothing grows."""
 
-    __slots__ = ("_missing", "_next", "_qualities", "_time_ns", "_turn_around_ns")
+    __slots__ = ("_held_back", "_missing", "_next", "_qualities", "_time_ns", "_turn_around_ns")
 
     def __init__(self) -> None:
         self._time_ns = array("q", bytes(8 * _TICKS))
         self._turn_around_ns = array("q", [-1]) * _TICKS  # -1: not answered
         self._missing = array("q", bytes(8 * _TICKS))
+        self._held_back = array("q", bytes(8 * _TICKS))
         self._next = 0
         self._qualities: deque[tuple[int, int, int]] = deque(maxlen=_QUALITIES)
 
-    def tick(self, receive_ns: int, send_ns: int, missing: int) -> None:
-        """Note one message: received, answered (send_ns 0: not), messages missing before it."""
+    def tick(self, receive_ns: int, send_ns: int, missing: int, *, held_back: int = 0) -> None:
+        """Note one message: received, answered (send_ns 0: not), messages missing before it, answers held back."""
         place = self._next
         self._next = (place + 1) % _TICKS
         self._time_ns[place] = receive_ns
         self._turn_around_ns[place] = send_ns - receive_ns if send_ns else -1
         self._missing[place] = missing
+        self._held_back[place] = held_back
 
     def quality(self, receive_ns: int, before: int, after: int) -> None:
         """Note a change of the connection quality."""
@@ -89,6 +93,7 @@ class LinkMemory:
             max(turn_arounds) / 1e6 if turn_arounds else None,
             tuple(((now_ns - time_ns) / 1e9, before, after) for time_ns, before, after in self._qualities),
             max(pauses, default=0) / 1e6,
+            sum(self._held_back[place] for place in recent),
         )
 
 

@@ -38,6 +38,16 @@ def test_a_computer_that_was_held_up_shows_as_a_pause_though_nothing_is_missing(
     assert memory.recall(9000 * MS).pause_ms == 2000.0  # none came since
 
 
+def test_answers_that_were_held_back_are_told() -> None:
+    """Of a robot whose quality fell since every eighth answer was, the sentence said: 0 missing, 0.2 ms."""
+    memory = LinkMemory()
+    for k in range(2000):
+        held = k % 8 == 0
+        memory.tick(k * MS, 0 if held else k * MS + MS // 5, 0, held_back=held)
+    assert "0 messages missing, 125 answers held back and longest" in memory.recall(1999 * MS).clause()
+    assert "held back" not in memory.recall(4000 * MS).clause()
+
+
 def test_the_qualities_are_told_in_their_order_with_their_age() -> None:
     memory = LinkMemory()
     memory.quality(0, 0, 3)
