@@ -19,6 +19,7 @@ from daemon.cli.protection import folder_to_write
 from daemon.cli.rms_view import show_rms
 from daemon.cli.run_view import run_shown
 from daemon.folders import make_folder
+from daemon.words import counted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -99,7 +100,7 @@ def demonstrate(out: Path, periods: int, *, realtime: bool, seed: int) -> dict[s
     unused = acquire(
         prepare_motion_of(validation_trajectory(motion.robot), out), "unused", PERIODS_UNUSED, (), fit=False
     )
-    data(f"3. Acquisition: {periods} periods {mode}; the worker fits and diagnoses from the logs alone")
+    data(f"3. Acquisition: {counted(periods, 'period')} {mode}; the worker fits and diagnoses from the logs alone")
     outcome = acquire(motion, "excitation", periods, unused.recordings, fit=True)
     assert outcome.worker_pid is not None
     status = wait_for_worker(Path(outcome.out_dir), outcome.worker_pid)

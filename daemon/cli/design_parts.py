@@ -16,6 +16,7 @@ import typer
 from daemon.cli.output import data, message, show_table, write_json
 from daemon.motion.clearance import Room, room_of, safe_in
 from daemon.motion.workspace import Surroundings, load_surroundings
+from daemon.words import counted
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.errors import DesignError
@@ -218,7 +219,7 @@ def _show_predicted(predicted: PredictedDeviations | None, units: Sequence[str])
         data("No σ is predicted: state the torque noise of each joint with --noise.")
         return
     noise = ", ".join(f"{x:g}" for x in predicted.noise_nm)
-    data(in_units(f"σ that {predicted.periods} periods will give, torque noise {noise} Nm", units) + ":")
+    data(in_units(f"σ that {counted(predicted.periods, 'period')} will give, torque noise {noise} Nm", units) + ":")
     for name, std, unit in zip(predicted.names, predicted.std, predicted.units, strict=True):
         data(f"  {name:<8} {std:.2g} {unit}")
 
@@ -227,8 +228,8 @@ def show_effects(effects: tuple[ShownEffect, ...], periods: int) -> None:
     """The ones that show least, and how many show."""
     seen = sum(item.strength >= TOOL_STRENGTH for item in effects)
     data(
-        f"Missing physics in {periods} periods: {seen} of {len(effects)} effects of plausible size reach the λ of "
-        f"{TOOL_STRENGTH:.0f} at which a diagnosis finds them; a name needs {LEAST_SHOWN:.0f}. "
+        f"Missing physics in {counted(periods, 'period')}: {seen} of {len(effects)} effects of plausible size reach "
+        f"the λ of {TOOL_STRENGTH:.0f} at which a diagnosis finds them; a name needs {LEAST_SHOWN:.0f}. "
         "The twelve that show least:"
     )
     show_table(

@@ -32,6 +32,7 @@ from daemon.cli.protection import folder_to_write, not_a_recording
 from daemon.cli.questions import agreed
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
+from daemon.words import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -68,7 +69,10 @@ def confirm_motion(motion: PreparedMotion, periods: int) -> None:
     if not sys.stdin.isatty():
         raise typer.BadParameter("the arm will move, and nobody can be asked here: add --no-confirm if that is meant.")
     seconds = motion.trajectory.period_s * periods
-    message(f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {periods} periods, {seconds:.0f} s.")
+    message(
+        f"The arm WILL MOVE: {motion.name}, amplitude {motion.amplitude:g}, {counted(periods, 'period')}, "
+        f"{seconds:.0f} s."
+    )
     message(motion.speed_sentence())
     tool = motion.surroundings.tool.describe()
     message(f"Tool: {tool}. Are the load data on the cabinet those of this tool?")

@@ -25,6 +25,7 @@ from daemon.cli.output import JsonOption, data, data_lines, message, told_in_wor
 from daemon.cli.questions import agreed
 from daemon.errors import DaemonError, LogIOError, MissingInputError, NothingToStopError
 from daemon.queue import control_api as api
+from daemon.words import counted
 
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="Configuration file (YAML); default: for a fake robot.")
@@ -327,7 +328,7 @@ def resume(
             raise typer.BadParameter(f"no run {number} is held here; `iiwa-ident jobs` lists those that are.")
     meant = [each for each in waiting.values() if not job or each.job_id in job]
     for each in meant:
-        message(f"{each.job_id}: {each.name}, amplitude {each.amplitude:g}, {each.periods} periods.")
+        message(f"{each.job_id}: {each.name}, amplitude {each.amplitude:g}, {counted(each.periods or 0, 'period')}.")
     if meant and state.needs_confirmation and not confirm:
         _confirm_motion(state, f"these {len(meant)} runs, one after the other," if len(meant) > 1 else "this run")
     # What was shown, and nothing that was held in the meantime.

@@ -18,6 +18,7 @@ from itertools import pairwise
 from daemon.doctor.host_checks import DoctorCheck
 from daemon.doctor.link_observation import LinkObservation, Mirror
 from daemon.doctor.load_check import check_load_at_rest
+from daemon.words import counted
 from fri_client.handover.ring import Disposition
 from fri_client.messages import ConnectionQuality, MonitoringMessage, SessionState, name_or_number
 from fri_client.session.refusal import Refusal, refusal_sentence
@@ -43,7 +44,7 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
     last, _, datagram = observation.datagrams[-1]
     guess = guess_version(datagram)
     if not guess.candidates:
-        sentence = f"{count} datagrams arrived from {', '.join(senders)}, but they are no FRI monitoring messages."
+        sentence = f"{counted(count, 'datagram')} arrived from {', '.join(senders)}, but no FRI monitoring message."
         return [DoctorCheck("robot", "failed", sentence, "find out which program sends to this port.")]
     age = observation.duration_s - last
     remedy = ""
@@ -52,7 +53,7 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
     if age > STALE_S:
         remedy = _STOPPED_REMEDY
     seconds = f"{observation.duration_s:.1f} s"
-    sentence = f"{count} messages in {seconds} from {', '.join(senders)}, the last {age:.2f} s ago."
+    sentence = f"{counted(count, 'message')} in {seconds} from {', '.join(senders)}, the last {age:.2f} s ago."
     checks = [
         DoctorCheck("robot", "warning" if remedy else "ok", sentence, remedy),
         DoctorCheck(
@@ -87,7 +88,7 @@ def _usable(observation: LinkObservation) -> tuple[list[MonitoringMessage], Doct
         why = refusal_sentence(session.refusal or 0, session.refusal_joint, session.refusal_value)
     if not refused:
         return usable, None
-    sentence = f"{refused} of the newest {known} messages cannot be used, the last one because {why}."
+    sentence = f"{refused} of the newest {counted(known, 'message')} cannot be used, the last one because {why}."
     return usable, DoctorCheck("messages", "failed", sentence, "look at the cabinet; a run uses no such message.")
 
 
@@ -133,7 +134,7 @@ def grade_link(observation: LinkObservation, guess: VersionGuess) -> DoctorCheck
         if message.connection_info is not None and message.connection_info.send_period:
             periods.append(message.connection_info.send_period * 1e-3)
     if len(arrivals) < FEWEST_TO_GRADE:
-        few = f"Only {len(arrivals)} messages: too few to grade the link."
+        few = f"Only {counted(len(arrivals), 'message')}: too few to grade the link."
         return DoctorCheck("link", "warning", few, "listen for longer: --listen 10.")
     intervals = [after - before for before, after in pairwise(arrivals)]
     steps = [(after - before) % 2**32 for before, after in pairwise(counters)]
@@ -181,7 +182,7 @@ def _answers(mirror: Mirror) -> DoctorCheck:
         sentence = "Nothing was answered: the bytes do not tell the FRI version."
         return DoctorCheck(name, "warning", sentence, "name the version: --answer --fri-version 1.15.")
     commanding = (
-        f" {mirror.not_answered} messages were in a commanding state, which is not answered here."
+        f" {counted(mirror.not_answered, 'message')} came in a commanding state, which is not answered here."
         if mirror.not_answered
         else ""
     )
@@ -194,7 +195,8 @@ def _answers(mirror: Mirror) -> DoctorCheck:
         f"{name_or_number(ConnectionQuality, quality)} at {at:.1f} s" for at, quality in mirror.qualities[:5]
     )
     sentence = (
-        f"{len(delays)} messages answered, 99 % within {p99 * 1e3:.2f} ms; the robot's verdict: {course}.{commanding}"
+        f"{counted(len(delays), 'message')} answered, 99 % within {p99 * 1e3:.2f} ms; the robot's verdict: "
+        f"{course}.{commanding}"
     )
     if max(quality for _, quality in mirror.qualities) >= ConnectionQuality.GOOD:
         return DoctorCheck(name, "ok", sentence)

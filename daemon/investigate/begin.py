@@ -10,6 +10,7 @@ from daemon.investigate.account import Account, Recorded
 from daemon.investigate.loop import smallest_budget_s
 from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
+from daemon.words import counted
 from identification.errors import TrajectoryNotFoundError
 from identification.excitation import default_trajectory
 from identification.recordings import refuse_shared_samples
@@ -26,8 +27,8 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
     least = smallest_budget_s(len(given))
     if budget_s < least:
         raise ConfigurationError(
-            f"{budget_s / 60.0:g} minutes are too short: {least / 60.0:.1f} are the least with {len(given)} recordings "
-            "at hand.",
+            f"{budget_s / 60.0:g} minutes are too short: {least / 60.0:.1f} are the least with "
+            f"{counted(len(given), 'recording')} at hand.",
             field="--budget",
         )
     read = [read_recording(file) for file in given]

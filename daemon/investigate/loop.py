@@ -32,6 +32,7 @@ from daemon.investigate.same_arm import Stated, comparable, read_together, refus
 from daemon.investigate.states import RESTING, Event, State, after
 from daemon.investigate.steps import as_a_class, step_of
 from daemon.motion.tool import FastenedMass, fastened
+from daemon.words import counted
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation.actions import Action
 from identification.investigation.added_mass import AddedMass
@@ -174,7 +175,7 @@ class Investigation:
         recordings = len(self.account.recordings)
         if not self.account.steps or self.account.steps[-1].recordings != recordings:
             self._keep(steps=(*self.account.steps, step_of(found, recordings)))
-            self._tell(f"After {recordings} recordings: {found.answer}")
+            self._tell(f"After {counted(recordings, 'recording')}: {found.answer}")
             for question in found.questions:
                 self._tell(f"Open: {question.sentence}")
         self._hear(found)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.investigate.account import Account, Motion, Recorded
+from daemon.words import counted
 from identification.excitation import (
     TableTrajectory,
     Trajectory,
@@ -113,7 +114,7 @@ def _motion_of(first: Recorded, robot: str, folder: Path) -> Trajectory:
 
 def describe_motion(motion: Motion) -> str:
     """What a motion is for and what it will tell, in two sentences."""
-    what = f"Motion {motion.number}: {motion.purpose}, {motion.periods} periods, {motion.seconds:.0f} s."
+    what = f"Motion {motion.number}: {motion.purpose}, {counted(motion.periods, 'period')}, {motion.seconds:.0f} s."
     return what if motion.forecast is None else f"{what} {prediction_of(motion)}"
 
 

@@ -13,6 +13,7 @@ from daemon.investigate.account import Account, Alive, Named, Recorded, Step
 from daemon.investigate.motions import prediction_of
 from daemon.investigate.states import State
 from daemon.json_files import write_bytes_atomically
+from daemon.words import counted
 from identification.investigation.equivalences import unasked
 from identification.investigation.hypotheses import NOTHING, describe
 from identification.mismatch.between_recordings import one_a_line
@@ -142,7 +143,7 @@ def _why(recorded: Recorded) -> str:
     motion = recorded.motion
     if motion is None:
         return f"Given: {recorded.file}."
-    text = f"{motion.periods} periods, {motion.seconds:.0f} s of motion."
+    text = f"{counted(motion.periods, 'period')}, {motion.seconds:.0f} s of motion."
     if motion.forecast is not None:
         text += f" {prediction_of(motion)}"
     return text

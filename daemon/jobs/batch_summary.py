@@ -9,6 +9,7 @@ from pathlib import Path
 
 from daemon.folders import make_folder
 from daemon.jobs.batch import BatchItem, Task
+from daemon.words import counted
 from identification.report.document import Document, Section, Table
 from identification.report.numbers import joint_heads, row_of
 from identification.report.page import render
@@ -43,9 +44,9 @@ def _document(task: Task, items: Sequence[BatchItem], out: Path, joints: int) ->
     done = {"fit": "fitted", "diagnose": "diagnosed"}[task]
     rms = "left by the model" if task == "fit" else "left with the findings"
     return Document(
-        title=f"{len(items)} recordings {done}",
-        verdict=f"{len(items) - failed} of {len(items)} recordings are {done}, {failed} failed; {looked_at} want a "
-        "closer look.",
+        title=f"{counted(len(items), 'recording')} {done}",
+        verdict=f"{len(items) - failed} of {counted(len(items), 'recording', verb=True)} {done}, "
+        f"{failed} failed; {looked_at} want{'s' * (looked_at == 1)} a closer look.",
         tone="attention" if failed or looked_at else "good",
         sections=(
             Section(

@@ -26,6 +26,7 @@ from daemon.log.cdr import command_index, event_index, is_out_of_order, state_co
 from daemon.log.raw_reader import MAGIC, Found, damaged_attachments, readable_items
 from daemon.log.stream import is_being_written
 from daemon.log.writer import CHUNK_BYTES, count_messages
+from daemon.words import counted
 from fri_client.session.replayed_counter import ReplayedCounter
 
 
@@ -79,7 +80,7 @@ def recover_log(path: str | Path) -> RecoverReport:
         with source.open("rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
                 counts.add(channel.topic, message.data)
-        sentence = f"{source} is whole: {counts.samples} samples, nothing had to be recovered."
+        sentence = f"{source} is whole: {counted(counts.samples, 'sample')}, nothing had to be recovered."
         return counts.report(source, source, Found(bytes_used=total), total, (sentence,), whole=True)
     target = source.with_name(f"{source.stem}.recovered.mcap")
     counts, found = _write_copy([source], target)
@@ -178,7 +179,7 @@ def merge_logs(parts: Sequence[str | Path], output: str | Path) -> RecoverReport
     total = sum(source.stat().st_size for source in sources)
     counts, found = _write_copy(sources, target)
     names = ", ".join(source.name for source in sources)
-    sentence = f"{target} was joined from {names} and holds {counts.samples} samples."
+    sentence = f"{target} was joined from {names} and holds {counted(counts.samples, 'sample')}."
     return counts.report(sources[0], target, found, total, (sentence, *_damage_sentences(found)))
 
 
@@ -313,7 +314,7 @@ def _sentences(source: Path, target: Path, counts: _Counts, found: Found, total:
         if found.complete and damaged
         else f"{source} was broken off after {found.bytes_used} of {total} readable bytes"
     )
-    sentences = [f"{how}; {counts.samples} samples are in {target}."]
+    sentences = [f"{how}; {counted(counts.samples, 'sample', verb=True)} in {target}."]
     if counts.first_counter is not None:
         after = "" if found.complete else f"; what came after counter {counts.last_counter} is not in the file"
         sentences.append(

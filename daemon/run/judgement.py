@@ -17,6 +17,7 @@ import msgspec
 
 from daemon.api import RunOutcome
 from daemon.children import child_environment
+from daemon.words import counted
 
 _ALLOWANCE_S = 600.0
 """A run of an hour takes two minutes."""
@@ -71,8 +72,9 @@ def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:
     if "error" in judgement:
         return (judgement["error"],)
     holes = judgement.get("holes", 0)
-    where = f"{holes} place" if holes == 1 else f"{holes} places"
-    unjudged = [f"Records are missing in {where}: the commands there could not be judged."] if holes else []
+    unjudged = (
+        [f"Records are missing in {counted(holes, 'place')}: the commands there could not be judged."] if holes else []
+    )
     if judgement.get("passed", True):
         return tuple(unjudged)
     # The lowest derivative says most: a jump of the velocity is one of acceleration and jerk too, by ever more percent.
@@ -80,7 +82,7 @@ def judgement_remarks(judgement: dict[str, Any]) -> tuple[str, ...]:
     worst = (beyond or judgement["excesses"])[0]
     return (
         *unjudged,
-        f"Commands went beyond a limit at the robot, {judgement['excess_count']} times, first at "
+        f"Commands went beyond a limit at the robot, {counted(judgement['excess_count'], 'time')}, first at "
         f"{judgement['excesses'][0]['time_s']:.3f} s; {worst['quantity']} of joint {worst['joint']} at "
         f"{float(worst['percent']):.0f} % of its limit, at {worst['time_s']:.3f} s. "
         f"`iiwa-ident judge {shlex.quote(judgement['file'])}` lists them.",

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 
 from daemon.api import RunEvent, RunRequest
+from daemon.words import counted
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRing, LoopStatus
 from fri_client.loop.version_evidence import version_doubt
@@ -122,7 +123,8 @@ class RunNarrator:
             place = f"Period {status.period + 1} of {self._periods}" if status.period >= 0 else "Link"
             self.tell(
                 "progress",
-                f"{place}: {status.received} messages, {rate:.0f}/s, {status.missing} missing, {status.late} late.",
+                f"{place}: {counted(status.received, 'message')}, {rate:.0f}/s, {status.missing} missing, "
+                f"{status.late} late.",
                 period=status.period,
             )
 

@@ -26,6 +26,7 @@ from daemon.json_files import read_json, write_json
 from daemon.run.link_diagnostics import COUNTS
 from daemon.run.spare_folder import find_run_file, write_run_file
 from daemon.times import now_text
+from daemon.words import counted
 from fri_client.handover.last_samples import read_last_samples
 from fri_client.handover.ring import HandoverRing
 from fri_client.messages import FriVersion
@@ -189,13 +190,14 @@ def outcome_sentences(
         else "none missing"
     )
     spacing = "" if report.message_spacing_ms is None else f", with a message every {report.message_spacing_ms:.4f} ms"
-    held_back = f"{report.held_back} answers held back{spacing}, " if report.held_back else ""
+    held_back = f"{counted(report.held_back, 'answer')} held back{spacing}, " if report.held_back else ""
     sentences.append(
-        f"{report.received} monitoring messages received, {report.answered} answered, {held_back}{report.late} late; "
-        f"{samples} samples recorded, {lost}."
+        f"{counted(report.received, 'monitoring message')} received, {report.answered} answered, {held_back}"
+        f"{report.late} late; {counted(samples, 'sample')} recorded, {lost}."
     )
     if report.outcome in ("stopped", "dropped", "fault") and not request.monitor_only:
         sentences.append(
-            f"{report.periods_completed} of {request.periods} periods are complete; the partial recording is kept."
+            f"{report.periods_completed} of {counted(request.periods, 'period', verb=True)} complete; "
+            "the partial recording is kept."
         )
     return (*sentences, *remarks)

@@ -12,6 +12,7 @@ from daemon.api import AUTO_VERSION, RunRequest
 from daemon.errors import ProtocolMismatchError, RobotUnreachableError
 from daemon.run.loop_process import bind
 from daemon.stop_handle import StopHandle
+from daemon.words import counted
 from fri_client.loop.channel import UdpChannel
 from fri_client.messages import FriVersion
 from fri_client.wire.version_guess import VersionGuess, guess_version
@@ -53,6 +54,6 @@ def hear_version(request: RunRequest, stop: StopHandle) -> tuple[FriVersion, str
     if stop.requested:
         return FriVersion.V1_15, "A stop was asked for before the robot had told its FRI version."
     if garbage:
-        reason = f"{garbage} datagrams arrived, but none is an FRI monitoring message."
+        reason = f"{counted(garbage, 'datagram')} arrived, but none is an FRI monitoring message."
         raise ProtocolMismatchError(AUTO_VERSION, reason)
     raise RobotUnreachableError(request.bind_host, request.bind_port, request.start_timeout_s)

@@ -131,7 +131,7 @@ class Ending:
         if outcome == "no_robot" and foreign:
             host = self._settings.robot_host
             only = f": only {host} is listened to" if host else ""
-            result.sentence += f" {foreign} datagrams came from elsewhere{only}."
+            result.sentence += f" {foreign} datagram{'s' * (foreign != 1)} came from elsewhere{only}."
         result.stop_kind, result.stop_duration_s = motion.stopping.kind, motion.stopping.duration_s
         result.overruled = motion.stopping.overruled
         if motion.commanded and not standstill.confirmed:

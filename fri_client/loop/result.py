@@ -124,7 +124,8 @@ def explain(
     if settings.monitor_only and outcome in ("completed", "dropped"):
         left = "The robot ended its session." if session.state == SessionState.IDLE else _unheard(session)
         ended = left if reason is None else reason.sentence
-        sentence = f"{ended} {session.counts.fresh} messages came, and no motion was commanded."
+        heard = session.counts.fresh
+        sentence = f"{ended} {heard} message{'s' * (heard != 1)} came, and no motion was commanded."
         return LoopResult(outcome, outcome if reason is None else reason.code.name, sentence)
     if outcome == "completed":
         driven = motion.periods_completed

@@ -45,8 +45,9 @@ class RecentLink:
         if self.pause_ms:
             longest += f", longest pause between messages {self.pause_ms:.0f} ms"
         quality = f"; quality {history.removeprefix(', ')}" if history else "; quality unchanged in the motion"
-        held_back = f", {self.held_back} answers held back" if self.held_back else ""
-        return f"in the last second {self.missing} messages missing{held_back} and {longest}{quality}"
+        held_back = f", {self.held_back} answer{'s' * (self.held_back != 1)} held back" if self.held_back else ""
+        missing = f"{self.missing} message{'s' * (self.missing != 1)} missing"
+        return f"in the last second {missing}{held_back} and {longest}{quality}"
 
 
 class LinkMemory:

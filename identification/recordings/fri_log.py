@@ -178,7 +178,9 @@ def _note_lost(counters: IntArray, steps: IntArray, left_out: IntArray, findings
         missing += absent
         places += [place] if absent else []
     if missing:
-        sentence = f"{missing} messages of the robot are missing at {len(places)} places, seen by its sequence counter"
+        how_many = "1 message of the robot is" if missing == 1 else f"{missing} messages of the robot are"
+        where = "1 place" if len(places) == 1 else f"{len(places)} places"
+        sentence = f"{how_many} missing at {where}, seen by its sequence counter"
         findings.append(Finding("lost_samples", places[0] + 1, places[-1] + 2, missing, sentence))
 
 

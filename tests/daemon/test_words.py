@@ -1,0 +1,26 @@
+"""Claims about counts in sentences: one thing is not spoken of as several."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daemon.api import LoopReport
+from daemon.run.outcome import outcome_sentences
+from daemon.words import counted
+from fri_client.session.link_memory import RecentLink
+
+from .producer import make_request
+
+
+def test_one_is_singular_and_all_else_is_plural() -> None:
+    assert [counted(n, "period") for n in (0, 1, 2)] == ["0 periods", "1 period", "2 periods"]
+    assert [counted(n, "period", verb=True) for n in (1, 2)] == ["1 period is", "2 periods are"]
+
+
+def test_the_account_of_a_run_of_one_period_speaks_of_one(tmp_path: Path) -> None:
+    report = LoopReport(outcome="stopped", reason="", sentence="", received=1, held_back=1)
+    said = " ".join(outcome_sentences(report, make_request(tmp_path, periods=1), 1, 0, 0, ()))
+    said += RecentLink(1, 1, None, held_back=1).clause()
+    for words in ("1 monitoring message received", "1 answer held back", "1 sample recorded", "0 of 1 period is",
+                  "1 message missing, 1 answer held back and"):  # fmt: skip
+        assert words in said
