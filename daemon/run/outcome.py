@@ -189,8 +189,11 @@ def outcome_sentences(
         if sequence_gaps or handover_gaps
         else "none missing"
     )
-    spacing = "" if report.message_spacing_ms is None else f", with a message every {report.message_spacing_ms:.4f} ms"
-    held_back = f"{counted(report.held_back, 'answer')} held back{spacing}, " if report.held_back else ""
+    spacing, stated = report.message_spacing_ms, report.send_period_ms
+    # A robot whose clock is not ours explains them; to the digits shown all others keep to their period.
+    apart = spacing is not None and stated is not None and f"{spacing:.4f}" != f"{stated:.4f}"
+    pace = f" (a message came every {spacing:.4f} ms, and the robot states {stated:g} ms)" if apart else ""
+    held_back = f"{counted(report.held_back, 'answer')} held back{pace}, " if report.held_back else ""
     sentences.append(
         f"{counted(report.received, 'monitoring message')} received, {report.answered} answered, {held_back}"
         f"{report.late} late; {counted(samples, 'sample')} recorded, {lost}."

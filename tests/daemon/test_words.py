@@ -17,6 +17,16 @@ def test_one_is_singular_and_all_else_is_plural() -> None:
     assert [counted(n, "period", verb=True) for n in (1, 2)] == ["1 period is", "2 periods are"]
 
 
+def test_answers_held_back_are_told_with_the_pace_of_a_robot_whose_clock_is_not_ours(tmp_path: Path) -> None:
+    for spacing, words in ((1.003, "(a message came every 1.0030 ms, and the robot states 1 ms)"), (1.00002, "")):
+        report = LoopReport(
+            outcome="dropped", reason="", sentence="", received=9, held_back=7, message_spacing_ms=spacing,
+            send_period_ms=1.0,
+        )  # fmt: skip
+        said = " ".join(outcome_sentences(report, make_request(tmp_path), 9, 0, 0, ()))
+        assert f"7 answers held back{' ' * bool(words)}{words}, 0 late" in said
+
+
 def test_the_account_of_a_run_of_one_period_speaks_of_one(tmp_path: Path) -> None:
     report = LoopReport(outcome="stopped", reason="", sentence="", received=1, held_back=1)
     said = " ".join(outcome_sentences(report, make_request(tmp_path, periods=1), 1, 0, 0, ()))
