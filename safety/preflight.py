@@ -188,6 +188,8 @@ def _position(table: FloatArray, limits: JointLimits) -> Check:
     passed = bool(beyond[row, column] <= POSITION_TOLERANCE_RAD)
     side = "inside" if passed else "beyond"
     sentence = f"Joint {column + 1} comes to {value:.4f} rad in row {row}, {side} its limit of {limit:.4f} rad."
+    if abs(value) > 2.0 * np.pi:  # no joint of an arm turns by more than once
+        sentence += " Is the table in degrees?"
     return Check("position", passed, column + 1, value, limit, "rad", sentence, row)
 
 

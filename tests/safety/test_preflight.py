@@ -61,6 +61,12 @@ def test_joint_four_at_two_point_two_radians_is_named() -> None:
     assert "Joint 4 comes to 2.2000 rad" in check.sentence
 
 
+def test_a_table_of_more_than_a_turn_is_asked_for_its_unit() -> None:
+    for scale, asked in ((1.0, False), (3.0, False), (180.0 / np.pi, True)):
+        check = _named(preflight(scale * _sway(0.8), 1e-3, IIWA14_R820), "position")
+        assert check.sentence.endswith(" Is the table in degrees?") == asked
+
+
 def test_a_lower_limit_is_named_with_its_sign() -> None:
     check = _named(preflight(_sway(0.1, q2=-2.1), PERIOD, LIMITS), "position")
     assert check.value == pytest.approx(-2.2, abs=1e-5)
