@@ -26,6 +26,7 @@ from daemon.api import WorkerJob, WorkerPhase, WorkerStatus
 from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
+from daemon.words import counted
 
 if TYPE_CHECKING:
     from identification.recordings.reader import Inputs
@@ -79,7 +80,7 @@ def run_job(job: WorkerJob, status: StatusFile) -> int:
     """Fit the job's recordings and write the model. Returns the exit code; every error becomes a status."""
     whole = 1.0 if job.diagnosis_folder is None else _SHARE_OF_FIT
     try:
-        status.write("loading", f"Reading {len(job.recordings)} recording(s).", 0.0)
+        status.write("loading", f"Reading {counted(len(job.recordings), 'recording')}.", 0.0)
         # The numerical libraries take a second to load: the status stands before that.
         from identification.audit.mount import require_stated_stand
         from identification.recording_fit import FitSettings, fit_recordings

@@ -50,6 +50,7 @@ from daemon.runtime_folder import default_endpoint, lock_port
 from daemon.signals import handled
 from daemon.stop_handle import StopHandle
 from daemon.times import now_text
+from daemon.words import counted
 from fri_client.handover.ring import EventCode
 
 POLL_S = 0.05
@@ -165,7 +166,9 @@ class Service:
             case api.ResumeQueue():
                 self._require_confirmation(request.confirmed)
                 released = self._jobs.release(request.jobs)
-                return api.Resumed(released=released, sentence=f"{released} held run(s) take their turn again.")
+                turns = "takes its turn" if released == 1 else "take their turn"
+                sentence = f"{counted(released, 'held run')} {turns} again."
+                return api.Resumed(released=released, sentence=sentence)
             case api.CancelJob():
                 return api.Cancelled(job_id=request.job_id, sentence=self._jobs.cancel(request.job_id))
 
@@ -182,7 +185,7 @@ class Service:
             sentence = "Nothing was moving."
         held = self._jobs.held()
         if held:
-            sentence += f" {held} run(s) wait for `iiwa-ident resume`."
+            sentence += f" {counted(held, 'run')} {'waits' if held == 1 else 'wait'} for `iiwa-ident resume`."
         self._tell(sentence)
         return api.Stopped(was_moving=moving, already=moving and already, run=run, held=held, sentence=sentence)
 

@@ -198,7 +198,7 @@ def outcome_sentences(
         f"{counted(report.received, 'monitoring message')} received, {report.answered} answered, {held_back}"
         f"{report.late} late; {counted(samples, 'sample')} recorded, {lost}."
     )
-    if report.outcome in ("stopped", "dropped", "fault") and not request.monitor_only:
+    if report.outcome in ("stopped", "dropped", "fault") and samples and not request.monitor_only:
         sentences.append(
             f"{report.periods_completed} of {counted(request.periods, 'period', verb=True)} complete; "
             "the partial recording is kept."

@@ -17,6 +17,13 @@ def test_one_is_singular_and_all_else_is_plural() -> None:
     assert [counted(n, "period", verb=True) for n in (1, 2)] == ["1 period is", "2 periods are"]
 
 
+def test_where_nothing_came_no_partial_recording_is_said_to_be_kept(tmp_path: Path) -> None:
+    report = LoopReport(outcome="stopped", reason="", sentence="")
+    for samples in (0, 1):
+        said = " ".join(outcome_sentences(report, make_request(tmp_path), samples, 0, 0, ()))
+        assert ("partial recording is kept" in said) == bool(samples)
+
+
 def test_answers_held_back_are_told_with_the_pace_of_a_robot_whose_clock_is_not_ours(tmp_path: Path) -> None:
     for spacing, words in ((1.003, "(a message came every 1.0030 ms, and the robot states 1 ms)"), (1.00002, "")):
         report = LoopReport(
