@@ -15,6 +15,7 @@ from daemon.api import RunEvent, RunRequest
 from daemon.words import counted
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRing, LoopStatus
+from fri_client.loop.peer import RIVAL_DATAGRAMS
 from fri_client.loop.version_evidence import version_doubt
 from fri_client.messages import FriVersion, SessionState, name_or_number
 
@@ -111,6 +112,11 @@ class RunNarrator:
             self._last_phase = status.phase
             phase = name_or_number(MotionPhase, status.phase).lower().replace("_", " ")
             self.tell("phase", "Recording; nothing is commanded." if self._watches_only else f"Motion: {phase}.")
+        if status.foreign >= RIVAL_DATAGRAMS:
+            self.remark(
+                "Somebody else sends to this port as well, and is passed over: make sure that the arm that moves is "
+                "the one that is meant, and that one robot alone sends here."
+            )
         now = time.monotonic()
         self._tell_hindrance(status, now)
         begun = status.period != self._last_period and status.period >= 0

@@ -33,6 +33,18 @@ def test_each_period_is_told_when_it_begins_and_only_then(tmp_path: Path) -> Non
     assert progress[1].sentence.startswith("Period 2 of 3: 100 messages")
 
 
+def test_a_second_sender_is_told_once_while_somebody_can_still_look(tmp_path: Path) -> None:
+    """Two robots sent to one port for a whole run, one of them moved, and nothing was said of the other."""
+    ring = HandoverRing.create(8)
+    narrator = RunNarrator(make_request(tmp_path), ring, lambda _: None)
+    for foreign in (0, 1, 9, 10, 11, 5000):
+        ring.publish_status(astuple(LoopStatus(received=100, foreign=foreign)))
+        narrator.follow()
+        assert len(narrator.remarks) == (foreign >= 10)
+    ring.close()
+    assert "Somebody else sends to this port as well" in narrator.remarks[0]
+
+
 def test_what_hinders_a_motion_is_told_while_somebody_can_still_help(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
