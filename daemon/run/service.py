@@ -237,7 +237,7 @@ class _Acquisition:
                     self._narrator.remark(load.result())
                 # No start is allowed before the operator has read what the robot's messages say of its version.
                 if check is None and self._narrator.has_judged_version() and start_check is not None:
-                    check = checker.submit(start_check.poll)
+                    check = checker.submit(start_check.poll, self._ring)
         finally:
             checker.shutdown()
             loop.close()

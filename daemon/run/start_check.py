@@ -20,7 +20,7 @@ from fri_client.errors import FriError
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRing
 from fri_client.handover.start_gate import StartGate, StartQuestion
-from fri_client.messages import FriVersion
+from fri_client.messages import FriVersion, OperationMode
 from fri_client.wire.codec import Codec
 from identification.errors import IdentificationError
 from safety.errors import SafetyError
@@ -48,13 +48,16 @@ class StartCheck:
         self._geometry, self._distances = surroundings.geometry, surroundings.distances(self._limits)
         gate.close()
 
-    def poll(self) -> str:
-        """Answer the loop's question where there is one; the sentence for the operator, empty where there is none."""
+    def poll(self, ring: HandoverRing | None = None) -> str:
+        """Answer the loop's question where there is one; the sentence for the operator, empty where there is none.
+
+        ring: what the robot says of its mode is in it.
+        """
         question = self._gate.question
         if question is None:
             return ""
         try:
-            sentence, clear = self._judge(question)
+            sentence, clear = self._judge(question, is_t1=self._request.test_mode_only or self._is_in_t1(ring))
         except (FriError, SafetyError) as error:
             sentence, clear = str(error), False
         self._gate.answer(question.number, "" if clear else sentence)
@@ -84,12 +87,20 @@ class StartCheck:
         except (FriError, IdentificationError, ValueError):
             return ""  # a remark is worth no run
 
-    def _judge(self, question: StartQuestion) -> tuple[str, bool]:
+    def _is_in_t1(self, ring: HandoverRing | None) -> bool:
+        """Whether the robot's newest message says so."""
+        codec = Codec(FriVersion.parse(self._request.fri_version))
+        records = [] if ring is None else ring.newest(_MESSAGES)
+        newest = [each for each in records if each.disposition == Disposition.FRESH][-1:]
+        robots = [codec.decode_monitoring(each.monitoring).robot_info for each in newest]
+        return any(robot is not None and robot.operation_mode == OperationMode.TEST_MODE_1 for robot in robots)
+
+    def _judge(self, question: StartQuestion, *, is_t1: bool) -> tuple[str, bool]:
         path = self._ramp(question)
         ramp = SampledPath(path, question.command_period_s)
         checks, _ = self._distances.check([ramp], "start ramp")
         unsafe = [check.sentence for check in checks if not check.passed]
-        if not unsafe and self._request.test_mode_only:
+        if not unsafe and is_t1:
             speed = path_speed(self._geometry, path, ramp.period_s)
             if speed > T1_SPEED_M_S:
                 reaches = f"On its way to the motion the end-effector would reach {rounded_up(speed):.3f} m/s"

@@ -22,7 +22,7 @@ from daemon.run.service import run_acquisition
 from daemon.run.start_check import StartCheck
 from fri_client.handover.ring import HandoverRing
 from fri_client.handover.start_gate import SAME_POSITION_RAD, StartRefused
-from fri_client.messages import FriVersion
+from fri_client.messages import FriVersion, MonitoringMessage, RobotInfo
 from fri_client.wire.codec import Codec
 from safety.collision import Plane, Workspace, workspace_clearances
 from safety.geometry import load_geometry
@@ -30,7 +30,7 @@ from safety.limits import limits_for
 from safety.ramps import plan_stop_ramp
 from tests.ports import free_udp_port
 
-from .producer import make_request
+from .producer import Producer, make_request
 from .service_process import fake_robot
 
 REST = (0.0, 0.3, 0.0, -1.2, 0.0, 0.8, 0.0)
@@ -105,18 +105,24 @@ def test_the_supervisor_clears_a_start_beside_the_motion(ring: HandoverRing, tmp
     assert ring.gate.passes(REST, 0.001, 1)
 
 
-@pytest.mark.parametrize("is_first", [True, False])
-def test_a_way_to_the_motion_that_is_too_fast_for_t1_is_not_begun_where_the_run_is_one_in_t1(
-    ring: HandoverRing, tmp_path: Path, is_first: bool
+@pytest.mark.parametrize(("is_first", "mode", "refused"), [(True, 2, True), (False, 0, True), (False, 2, False)])
+def test_a_way_to_the_motion_that_is_too_fast_for_t1_is_not_begun_in_t1(
+    ring: HandoverRing, tmp_path: Path, is_first: bool, mode: int, refused: bool
 ) -> None:
-    """From behind the base all large joints turn at once."""
+    """From behind the base all large joints turn at once. A first run is one in T1; else the robot says its mode."""
     behind = (2.0, -1.5, 0.1, -0.1, -2.1, 0.5, 1.7)
     request = make_request(tmp_path, lead_in_s=0.2, test_mode_only=is_first)
     gentle_table(tmp_path)
+    producer = Producer(ring)
+    message = producer.codec.decode_monitoring(producer.monitoring(1, 0.1))
+    told = MonitoringMessage(
+        message.header, RobotInfo(7, 0, (2,) * 7, mode, 0), message.monitor_data, message.connection_info
+    )
+    ring.push(1, 0, 0, -1, -1, producer.codec.encode_monitoring(told), None)
     check = StartCheck(request, ring.gate)
     assert not ring.gate.passes(behind, 0.001, 1)
-    assert ("T1, in which this run is driven, allows 0.25 m/s" in check.poll()) == is_first
-    if is_first:
+    assert ("T1, in which this run is driven, allows 0.25 m/s" in check.poll(ring)) == refused
+    if refused:
         with pytest.raises(StartRefused, match="jog the arm nearer"):
             ring.gate.passes(behind, 0.001, 1)
     else:
