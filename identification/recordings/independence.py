@@ -14,6 +14,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
 from identification.recordings.same_noise import correlation_of_noise
+from identification.remembered import once_per_object
 
 KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
@@ -181,6 +182,7 @@ def _all_fingerprints(recordings: Sequence[Recording]) -> list[Prints]:
     return [_fingerprints(recording) for recording in recordings] if len(recordings) > 1 else [np.empty(0, np.int64)]
 
 
+@once_per_object
 def _fingerprints(recording: Recording) -> Prints:
     """One number for each sample that differs from the one before it; equal samples have equal numbers."""
     rows = np.concatenate([recording.position, recording.torque], axis=1)

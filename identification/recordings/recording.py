@@ -114,7 +114,7 @@ class RecordingSource:
     metadata: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False, weakref_slot=True)
 class Recording(Printed):
     """Measured motion and torque of an n-joint robot, one row per sample, in the order of time.
 

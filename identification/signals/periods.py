@@ -13,6 +13,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray, longest_run
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
+from identification.remembered import once_per_object
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
 from identification.signals.finer_grid import ON_THE_ROWS, FinerGrid, at_moments, finer_grid_of
 from identification.signals.gaps import median_over_periods, wrapped_fill
@@ -31,7 +32,7 @@ TRANSIENT_FACTOR = 10.0
 _PARTS, _EXPLAINED, LARGEST_SHIFT_S, _LEAST_MOTION = 20, 0.5, 3e-3, 0.1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PeriodTable:
     """Position and torque laid out by period and sample, nan where a sample is missing.
 
@@ -87,6 +88,7 @@ class PeriodAverage:
         return self.period_s / int(self.position.shape[0])
 
 
+@once_per_object
 def period_table(recording: Recording) -> PeriodTable:
     """Lay a periodic recording out by period and sample.
 
@@ -148,6 +150,7 @@ def period_table(recording: Recording) -> PeriodTable:
     return PeriodTable(position, torque, numbers, recording.period_s, tuple(notes), filtered_hz, finer)
 
 
+@once_per_object
 def average_periods(table: PeriodTable) -> PeriodAverage:
     """Average over periods; a missing sample is left out of that sample's mean, and its count says so.
 

@@ -45,6 +45,15 @@ def _without(recording: Recording, rows: np.ndarray) -> Recording:
     return recording.rows(keep)
 
 
+def test_a_recordings_periods_are_laid_out_and_averaged_once() -> None:
+    """Faults of the data, the fit and the evidence ask for them in turn; another recording has its own."""
+    recording = _recording()
+    assert period_table(recording) is period_table(recording)
+    assert average_periods(period_table(recording)) is average_periods(period_table(recording))
+    other = replace(recording, torque=-recording.torque)
+    assert np.array_equal(period_table(other).torque, -period_table(recording).torque)
+
+
 def test_mean_leaves_missing_samples_out_and_counts_them() -> None:
     recording = _recording(periods=4)
     missing = np.array([10, 11, SAMPLES + 10, 3 * SAMPLES + 700])

@@ -10,7 +10,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import CERTAIN, Columns, Effect, Estimate, Parameter, Place, ShapeParameter
 from identification.mismatch.effects.describe import linear, shaped, size_of
-from identification.mismatch.effects.dynamics import across, chain_of, once_per_motion, rigid_torque
+from identification.mismatch.effects.dynamics import across, chain_of, rigid_torque
 from identification.mismatch.effects.time_domain import (
     ComplexArray,
     filtered,
@@ -19,6 +19,7 @@ from identification.mismatch.effects.time_domain import (
     time_derivative,
 )
 from identification.mismatch.motion import Motion
+from identification.remembered import once_per_object
 
 _STEP = 1e-7
 """Compliance, rad/Nm, of the difference that stands for the derivative: some 1e-5 rad of lean, far from rounding."""
@@ -79,7 +80,7 @@ class BaseElasticity(Effect):
         )
 
 
-@once_per_motion
+@once_per_object
 def _by_power_of_depth(motion: Motion) -> FloatArray:
     """The columns' parts that go with the pivot's depth to the power of 0, 1 and 2, (3, S, n, 3)."""
     gravity, rigid, chain = motion.robot.gravity, rigid_torque(motion), chain_of(motion)
@@ -104,7 +105,7 @@ def _by_power_of_depth(motion: Motion) -> FloatArray:
     return result
 
 
-@once_per_motion
+@once_per_object
 def _slow_lines(motion: Motion) -> ComplexArray:
     """A low pass (L,) over the lines of the moment on the base, all but a millionth of its power.
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.mismatch.effects.dynamics import chain_of, links_of, once_per_motion
+from identification.mismatch.effects.dynamics import chain_of, links_of
 from identification.mismatch.motion import Motion
+from identification.remembered import once_per_object
 
 _REVOLUTE_PLACES = 2.0 * np.pi * np.arange(5) / 5
 _SLIDING_PLACES = np.array([-1.0, 0.0, 1.0])
@@ -37,7 +38,7 @@ def change_of_own_torque(
     return _polynomial(motion, joint).change(displacement, rate, growth, slice(joint, joint + 1))[:, 0]
 
 
-@once_per_motion
+@once_per_object
 def _polynomial(motion: Motion, joint: int) -> _Polynomial:
     return _Polynomial.of(motion, joint)
 

@@ -13,10 +13,11 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import direction_of, width_of
 from identification.mismatch.effects.displaced_torque import change_of_own_torque, change_of_torque
-from identification.mismatch.effects.dynamics import inertia_felt, once_per_motion, rigid_torque, torque_derivatives
+from identification.mismatch.effects.dynamics import inertia_felt, rigid_torque, torque_derivatives
 from identification.mismatch.effects.own_joint import friction_sign
 from identification.mismatch.effects.time_domain import filtered, frequencies_of, time_derivative
 from identification.mismatch.motion import Motion
+from identification.remembered import once_per_object
 
 _BELOW_RESONANCE, _TOO_NEAR = 0.5, 0.7
 """Frequencies, as shares of a spring's resonance, up to which a motor's motion tells its link's, and from which not."""
@@ -30,7 +31,7 @@ _BEYOND = 1e-6
 """Share of a torque that a coarser grid may lose; of the motion's acceleration, the square."""
 
 
-@once_per_motion
+@once_per_object
 def friction_of(motion: Motion) -> FloatArray:
     """Viscous (Nm s/rad) and Coulomb (Nm) friction of the nominal model at each joint, (n, 2)."""
     rest = motion.torque - rigid_torque(motion).torque
@@ -141,7 +142,7 @@ def _is_smooth(values: FloatArray) -> bool:
     return bool(np.linalg.norm(lines[3 * len(lines) // 4 :]) <= _BEYOND * np.linalg.norm(lines))
 
 
-@once_per_motion
+@once_per_object
 def _coarse_grids(motion: Motion) -> list[Motion]:
     """A periodic motion on every fourth and every second sample, as far as its products fit on these."""
     content = np.linalg.norm(np.fft.rfft(motion.acceleration, axis=0), axis=1)

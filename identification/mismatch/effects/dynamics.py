@@ -7,21 +7,16 @@ cannot serve.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
-from functools import wraps
-from typing import NamedTuple, TypeVar, TypeVarTuple
-from weakref import WeakKeyDictionary
+from typing import NamedTuple
 
 import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
 from identification.regressor import skew
+from identification.remembered import once_per_object
 from identification.robots.model import Kinematics
-
-Result = TypeVar("Result")
-Rest = TypeVarTuple("Rest")
 
 _INERTIAL_COUNT = 10
 
@@ -46,33 +41,19 @@ class TorqueDerivatives(NamedTuple):
     acceleration: FloatArray
 
 
-def once_per_motion(compute: Callable[[Motion, *Rest], Result]) -> Callable[[Motion, *Rest], Result]:
-    """Remember the result for as long as the motion lives, one for each joint or whatever else is asked for."""
-    known: WeakKeyDictionary[Motion, dict[object, Result]] = WeakKeyDictionary()
-
-    @wraps(compute)
-    def remembered(motion: Motion, *rest: *Rest) -> Result:
-        own = known.setdefault(motion, {})
-        if rest not in own:
-            own[rest] = compute(motion, *rest)
-        return own[rest]
-
-    return remembered
-
-
-@once_per_motion
+@once_per_object
 def rigid_torque(motion: Motion) -> RigidTorque:
     """Torques and joint moments of the rigid links alone: no friction, smooth."""
     return chain_of(motion).backward(links_of(motion))
 
 
-@once_per_motion
+@once_per_object
 def links_of(motion: Motion) -> list[_Link]:
     """State of every link."""
     return chain_of(motion).forward(motion.velocity, motion.acceleration, motion.robot.gravity)
 
 
-@once_per_motion
+@once_per_object
 def bending_moments(motion: Motion) -> FloatArray:
     """Moments about the two directions `across` each joint's axis, (S, n, 2, 3) Nm.
 
@@ -90,7 +71,7 @@ def bending_moments(motion: Motion) -> FloatArray:
     return result
 
 
-@once_per_motion
+@once_per_object
 def torque_derivatives(motion: Motion, joint: int) -> TorqueDerivatives:
     """∂τ/∂q_j, ∂τ/∂q̇_j and ∂τ/∂q̈_j of the rigid links; joint: j, from 0.
 
@@ -109,14 +90,14 @@ def torque_derivatives(motion: Motion, joint: int) -> TorqueDerivatives:
     )
 
 
-@once_per_motion
+@once_per_object
 def inertia_felt(motion: Motion, joint: int) -> FloatArray:
     """∂τ/∂q̈_j, (S, n): a column of the inertia matrix along the motion; joint: j, from 0."""
     chain = chain_of(motion)
     return chain.backward(chain.alone(joint, 0.0, 1.0)).torque
 
 
-@once_per_motion
+@once_per_object
 def tilt_torques(motion: Motion) -> FloatArray:
     """Torque per rad of tilt of the base about its x, y and z axis, (S, n, 3) Nm/rad.
 
@@ -131,7 +112,7 @@ def tilt_torques(motion: Motion) -> FloatArray:
     )
 
 
-@once_per_motion
+@once_per_object
 def rotor_reactions(motion: Motion) -> FloatArray:
     """Torque at joint i per unit of N J_r of joint k's rotor, (S, n, n), last axis k; zero unless i is upstream of k.
 
@@ -154,7 +135,7 @@ def rotor_reactions(motion: Motion) -> FloatArray:
     return result
 
 
-@once_per_motion
+@once_per_object
 def chain_of(motion: Motion) -> _Chain:
     """The joints' rotations."""
     return _Chain(motion)

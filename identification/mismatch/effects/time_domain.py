@@ -7,13 +7,13 @@ import numpy.typing as npt
 from scipy.fft import next_fast_len
 
 from identification.arrays import FloatArray
-from identification.mismatch.effects.dynamics import once_per_motion
 from identification.mismatch.motion import Motion
+from identification.remembered import once_per_object
 
 ComplexArray = npt.NDArray[np.complexfloating]
 
 
-@once_per_motion
+@once_per_object
 def frequencies_of(motion: Motion) -> ComplexArray:
     """Values of s = i ω, (L,) rad/s, on which filters act: the lines of one period, or of a continued stretch."""
     return np.asarray(2.0j * np.pi * np.fft.rfftfreq(_length(motion), motion.sampling_period_s))
@@ -45,7 +45,7 @@ def filtered_lines(motion: Motion, lines: ComplexArray, response: ComplexArray) 
     return np.asarray(result if motion.periodic else result[samples - 1 : 2 * samples - 1])
 
 
-@once_per_motion
+@once_per_object
 def torque_lines(motion: Motion) -> ComplexArray:
     """`lines_of` the nominal torque, (L, n)."""
     return lines_of(motion, motion.torque)
