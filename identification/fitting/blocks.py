@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import lapack
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.base_parameters import BaseRegressor, direction_of
@@ -240,6 +241,11 @@ def rms_over(parts: Sequence[Evaluation], values: FloatArray | None) -> FloatArr
 def shortest_solution(gram: FloatArray, right: FloatArray, tolerance: float) -> FloatArray:
     """(p,) least squares from normal equations, columns scaled to one; 0 along what they do not tell."""
     norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
+    scaled = gram / np.outer(norms, norms)
+    # A factor tells that all directions are told in a tenth of the time that it takes to find them: none of the values
+    # is more than their sum.
+    if lapack.dpotrf(scaled - tolerance * np.trace(scaled) * np.eye(len(scaled)))[1] == 0:
+        return np.asarray(lapack.dposv(scaled, right / norms)[1] / norms, dtype=np.float64)
+    values, vectors = np.linalg.eigh(scaled)
     inverse = np.where(values > tolerance * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
     return np.asarray(vectors @ (inverse * (vectors.T @ (right / norms))) / norms, dtype=np.float64)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, UndeterminedParametersError
 from identification.estimators import Observation, compress, merge, solve_least_squares
+from identification.fitting.blocks import shortest_solution
 from identification.robots import RobotModel, robot_from_arrays
 
 
@@ -143,3 +144,16 @@ def test_data_that_cannot_be_fitted_are_refused_with_their_place() -> None:
         Observation(good.matrix[:8], good.torque[:8], good.joint[:8], good.names)
     with pytest.raises(EstimationError, match="names"):
         Observation(good.matrix, good.torque, good.joint, good.names[:-1])
+
+
+@pytest.mark.parametrize("weak", [1.0, 1e-3, 1e-7, 0.0])
+def test_the_shortest_solution_has_nothing_along_what_the_rows_do_not_tell(weak: float) -> None:
+    """Truth: the pseudo-inverse of the scaled columns, whose squares are the eigenvalues that the tolerance is of."""
+    generator = np.random.default_rng(4)
+    matrix = generator.normal(size=(200, 6)) * np.geomspace(1e-3, 1e3, 6)
+    matrix[:, 5] = 10.0 * matrix[:, 4] + weak * matrix[:, 5]
+    torque = generator.normal(size=200)
+    norms = np.linalg.norm(matrix, axis=0)
+    expected = np.linalg.pinv(matrix / norms, rcond=1e-5) @ torque / norms
+    found = shortest_solution(matrix.T @ matrix, matrix.T @ torque, 1e-10)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
