@@ -346,9 +346,9 @@ class Basis:
         """
         if CLASSES[number].name == "constant":
             return cls(number, group, joint, np.zeros(1), 1.0)
-        values = np.concatenate([part[0] for part in motions])
-        centre = values.mean(axis=0)
-        square = float((np.einsum("sm,sm->m", values, values) / len(values) - centre**2).sum())
+        samples = sum(len(values) for values, _ in motions)
+        centre = sum(values.sum(axis=0) for values, _ in motions) / samples
+        square = sum(float(np.vdot(values, values)) for values, _ in motions) / samples - float(centre @ centre)
         return cls(number, group, joint, centre, 1.0 / np.sqrt(square) if square > NOTHING else 0.0)
 
     def columns(self, inputs: Inputs) -> FloatArray:

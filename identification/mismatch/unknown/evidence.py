@@ -53,6 +53,8 @@ class JointGram:
         """The same rows with some groups, numbered anew in that order."""
         chosen = [np.flatnonzero(self.group == number) for number in groups]
         kept = np.concatenate([*chosen, np.arange(self.columns, self.gram.shape[1])]).astype(np.int64)
+        if np.array_equal(kept, np.arange(self.gram.shape[1])):
+            return self
         numbers = np.repeat(np.arange(len(groups)), [part.size for part in chosen])
         return JointGram(self.gram.take(kept, axis=1).take(kept, axis=2), self.count, numbers)
 
@@ -166,22 +168,28 @@ def mean(part: Marginal, shared: Shared) -> tuple[FloatArray, FloatArray, FloatA
 def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
     """Weights of one joint and the base parameters, all joints' rows seen."""
     size = joint.columns
+    # Their precision is FᵀF; the inverse of the triangle F, with a row and a column of zeros for y.
+    inverse = np.zeros(joint.gram.shape[1:], order="F")
     factor = cholesky(shared.precision, lower=True, check_finite=False)
-    scatter = cho_solve((factor, True), np.eye(len(factor)), check_finite=False)
-    base = scatter @ shared.target
+    half = inverse[size:-1, size:-1]
+    half[:] = lapack.dtrtri(factor, lower=1)[0]
+    base = half.T @ (half @ shared.target)
+    weights = np.zeros(0)
     if size:
-        inverse = lapack.dtrtri(part.factor, lower=1)[0] * part.root
-        back = inverse.T @ part.solved
+        inverse[:size, :size] = lapack.dtrtri(part.factor, lower=1)[0]
+        inverse[:size, :size] *= part.root
+        back = inverse[:size, :size].T @ part.solved
         weights = back[:, -1] - back[:, :-1] @ base
-        across = back[:, :-1] @ scatter
-        covariance = np.block([[inverse.T @ inverse + across @ back[:, :-1].T, -across], [-across.T, scatter]])
-    else:
-        weights, covariance = np.zeros(0), scatter
+        inverse[size:-1, :size] = -half @ back[:, :-1].T
+    # The lower half of its product with itself: a third of the work of all of it.
+    covariance = lapack.dlauum(inverse, lower=1, overwrite_c=1)[0]
+    diagonal = np.diag(covariance).copy()
+    covariance = covariance + covariance.T
+    np.fill_diagonal(covariance, diagonal)
     line = np.concatenate([-weights, -base, [1.0]])
     left = (joint.gram @ line) @ line
-    padded = np.zeros(joint.gram.shape[1:])
-    padded[:-1, :-1] = covariance
-    return Posterior(weights, base, covariance, left, joint.gram.reshape(len(left), -1) @ padded.ravel())
+    spread = joint.gram.reshape(len(left), -1) @ covariance.ravel(order="K")
+    return Posterior(weights, base, covariance[:-1, :-1], left, spread)
 
 
 def updated(joint: JointGram, hyper: Hyper, now: Posterior, cap: float, noise_rows: float, odds: float) -> Hyper:

@@ -45,8 +45,10 @@ def tabulated(table: FloatArray, place: FloatArray) -> FloatArray:
     """Values (S, m) of tabulated functions at places (S,), taken to the ends of [−1, 1] beyond them."""
     position = (np.clip(place, -1.0, 1.0) + 1.0) * 0.5 * (len(table) - 1)
     index = np.minimum(position.astype(np.int64), len(table) - 2)
-    share = (position - index)[:, None]
-    return np.asarray(table[index] * (1.0 - share) + table[index + 1] * share, dtype=np.float64)
+    values = np.diff(table, axis=0)[index]
+    values *= (position - index)[:, None]
+    values += table[index]
+    return values
 
 
 WARP = 0.04
