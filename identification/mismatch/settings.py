@@ -26,6 +26,9 @@ NOISE_ROWS = 20.0
 """How many rows the measured noise of a band is worth against its own residual."""
 VARIANCE_CAP = 100.0
 """Most that a class may be beforehand, as a multiple of the joint's mean square misfit."""
+HIDDEN = 0.01
+"""Square over the noise's of what a class's weight shows on the rows at its largest below which it is not asked: no
+hypothesis gains half of it in nats, odds of 200 : 201."""
 FADE = 0.25
 """Distance beyond the fitted range, as a share of it, over which a class fades to zero."""
 FOLDS = 5

@@ -265,9 +265,14 @@ def _curve(
     if not kind.coordinate:
         return None
     running = Along(rows.inputs[0], rows.fitted, joint, kind.coordinate, CURVE_POINTS)
-    bases = [rows.joints[joint].bases[state.groups[number]] for number in places]
-    columns = np.concatenate([basis.columns(running) for basis in bases], axis=1)
-    std = np.sqrt(np.maximum(np.einsum("sm,mk,sk->s", columns, covariance, columns), 0.0))
+    own, parts, hidden = rows.joints[joint], [], np.zeros(CURVE_POINTS)
+    for number in places:
+        functions = own.bases[state.groups[number]].columns(running)
+        parts.append(functions @ own.shown[state.groups[number]])
+        # What no row shows is as it was beforehand.
+        hidden += state.hyper.variance[number] * ((functions**2).sum(axis=1) - (parts[-1] ** 2).sum(axis=1))
+    columns = np.concatenate(parts, axis=1)
+    std = np.sqrt(np.maximum(np.einsum("sm,mk,sk->s", columns, covariance, columns) + hidden, 0.0))
     revolute = bool(rows.inputs[0].motion.robot.kinematics.revolute[joint])
     units = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s")}.get(kind.coordinate, ("Nm", "N"))
     return ClassCurve(kind.coordinate, units[0 if revolute else 1], running.place, columns @ weights, std)

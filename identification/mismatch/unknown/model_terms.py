@@ -29,7 +29,7 @@ def terms_of(selection: Selection) -> dict[str, Any]:
             continue
         weights = selection.posterior(joint, state).weights
         for place, group in enumerate(state.groups):
-            basis = rows.joints[joint].bases[group]
+            basis, shown = rows.joints[joint].bases[group], rows.joints[joint].shown[group]
             terms.append(
                 {
                     "class": CLASSES[basis.number].name,
@@ -37,7 +37,7 @@ def terms_of(selection: Selection) -> dict[str, Any]:
                     "joint": joint + 1,
                     "centre": basis.centre.tolist(),
                     "scale": basis.scale,
-                    "weights": weights[state.gram.group == place].tolist(),
+                    "weights": (shown @ weights[state.gram.group == place]).tolist(),
                 }
             )
     direction, phase = random_waves(rows.inputs[0].motion.n)

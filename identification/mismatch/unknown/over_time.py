@@ -215,7 +215,8 @@ class _Recording:
             own = self.functions(joint) if asked[joint] else []
             group = np.repeat(np.arange(len(own)), [rows.shape[1] for _, rows in own]).astype(np.int64)
             columns = np.concatenate([*(rows for _, rows in own), whitened[joint, :, None]], axis=1)
-            parts.append(JointRows(columns, tuple(basis for basis, _ in own), group))
+            shown = tuple(np.eye(rows.shape[1]) for _, rows in own)
+            parts.append(JointRows(columns, tuple(basis for basis, _ in own), group, shown))
         band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency)
         bands = len(BAND_EDGES_HZ) + 1
         count = np.stack([np.bincount(band, weights=row > 0.0, minlength=bands) for row in weight])

@@ -16,7 +16,7 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, build_problem, with_torque
-from identification.mismatch.settings import FADE, FOLDS, NOISE_ROWS, PRIOR_COST
+from identification.mismatch.settings import FADE, FOLDS, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.inputs import Inputs, Ranges
@@ -27,11 +27,15 @@ BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRows:
-    """One joint. whitened: (R, M) [B F y]. bases: of the groups of B, in order. group: (m,) number of each column."""
+    """One joint. whitened: (R, M) [B F y]. bases: of the groups of B, in order. group: (m,) number of each column.
+
+    shown: of each group (functions, columns), orthonormal: which combination of its functions each of its columns is.
+    """
 
     whitened: FloatArray
     bases: tuple[Basis, ...]
     group: IntArray
+    shown: tuple[FloatArray, ...]
 
     @property
     def columns(self) -> int:
@@ -107,7 +111,7 @@ class Rows:
             changed = gram.copy()
             changed[..., -1] = products(whitened, values[:, None], self.cell, self.count.shape[1:])[..., 0]
             changed[..., -1, :] = changed[..., -1]
-            joints.append(JointRows(whitened, joint.bases, joint.group))
+            joints.append(replace(joint, whitened=whitened))
             grams.append(changed)
         return replace(
             self, problem=problem, joints=tuple(joints), grams=tuple(grams),
@@ -151,7 +155,7 @@ class Rows:
         old, joints, grams = self.joints[joint], list(self.joints), list(self.grams)
         whitened, grams[joint] = self._with(old, grams[joint], columns, old.columns)
         group = np.append(old.group, np.full(columns.shape[1], len(old.bases)))
-        joints[joint] = JointRows(whitened, (*old.bases, basis), group)
+        joints[joint] = JointRows(whitened, (*old.bases, basis), group, (*old.shown, np.eye(columns.shape[1])))
         return replace(self, joints=tuple(joints), grams=tuple(grams))
 
     def _with(self, joint: JointRows, gram: FloatArray, own: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
@@ -173,8 +177,8 @@ class Rows:
             own = np.flatnonzero(np.isin(joint.group, list(wanted)))
             places, group = np.unique(joint.group[own], return_inverse=True)
             kept = np.concatenate([own, np.arange(joint.columns, joint.whitened.shape[1])])
-            bases = tuple(joint.bases[place] for place in places)
-            joints.append(JointRows(joint.whitened[:, kept], bases, group.astype(np.int64)))
+            bases, shown = (tuple(values[place] for place in places) for values in (joint.bases, joint.shown))
+            joints.append(JointRows(joint.whitened[:, kept], bases, group.astype(np.int64), shown))
         parts, bands = self.folds + (heldout and self.heldout), int(self.band.max()) + 1
         cell = np.where(self.part < parts, self.part * bands + self.band, parts * bands)
         grams, count = _products(joints, self.problem, cell, (parts, bands))
@@ -204,15 +208,16 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
     asked = _worth_asking(problem, band)
     asked[list(named)] = True
-    joints = _joints(problem, evidences, inputs, asked)
-    # Predicted stretches have one noise in all bands; where it is measured, rows held out stand beside those fitted.
-    parts = 1 if problem.noise_is_measured else folds + (unseen is not None)
-    cell, bands = (part, 1) if parts > 1 else (band, int(band.max()) + 1)
-    grams, count = _products(joints, problem, cell, (parts, bands))
     samples = (
         sum(item.samples for item in fitted.evidences),
         0 if unseen is None else sum(item.samples for item in unseen.evidences),
     )
+    misfit = _mean_square(problem, part < folds, samples[0])
+    joints = _joints(problem, evidences, inputs, asked, misfit)
+    # Predicted stretches have one noise in all bands; where it is measured, rows held out stand beside those fitted.
+    parts = 1 if problem.noise_is_measured else folds + (unseen is not None)
+    cell, bands = (part, 1) if parts > 1 else (band, int(band.max()) + 1)
+    grams, count = _products(joints, problem, cell, (parts, bands))
     return Rows(
         problem=problem,
         evidences=evidences,
@@ -226,7 +231,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
         cell=cell,
         grams=grams,
         count=count,
-        misfit=_mean_square(problem, part < folds, samples[0]),
+        misfit=misfit,
         asked=asked,
         samples=samples,
         noise_rows=NOISE_ROWS if problem.noise_is_measured else 0.0,
@@ -272,9 +277,12 @@ def _worth_asking(problem: Problem, band: IntArray) -> BoolArray:
 
 
 def _joints(
-    problem: Problem, evidences: Sequence[Evidence], inputs: Sequence[Inputs], asked: BoolArray
+    problem: Problem, evidences: Sequence[Evidence], inputs: Sequence[Inputs], asked: BoolArray, misfit: FloatArray
 ) -> tuple[JointRows, ...]:
-    """Columns of all classes on the joints that are asked, beside the base columns and the torque."""
+    """Columns of all classes on the joints that are asked, beside the base columns and the torque.
+
+    misfit: as in `Rows`.
+    """
     common: list[tuple[Basis, FloatArray]] = []
     measured = problem.noise_is_measured
     shared = [place for place in usual_groups(measured=measured) if CLASSES[place[0]].shared]
@@ -287,15 +295,32 @@ def _joints(
                 common = functions_of(evidences, inputs, joint, shared)
             own = functions_of(evidences, inputs, joint, particular)
             own += [(replace(basis, joint=joint), rows) for basis, rows in common]
+        columns = [rows * problem.weight[joint][:, None] for _, rows in own]
+        shown = [_shown(rows, VARIANCE_CAP * misfit[joint] if measured else None) for rows in columns]
         whitened = [
-            *(rows * problem.weight[joint][:, None] for _, rows in own),
+            *(rows @ combined for rows, combined in zip(columns, shown, strict=True)),
             problem.basis.reshape(problem.n, problem.rows, -1)[joint],
             problem.residual.reshape(problem.n, problem.rows)[joint][:, None],
         ]
-        sizes = [rows.shape[1] for _, rows in own]
+        sizes = [combined.shape[1] for combined in shown]
         group = np.repeat(np.arange(len(own)), np.array(sizes, dtype=np.int64)).astype(np.int64)
-        result.append(JointRows(np.concatenate(whitened, axis=1), tuple(basis for basis, _ in own), group))
+        bases = tuple(basis for basis, _ in own)
+        result.append(JointRows(np.concatenate(whitened, axis=1), bases, group, tuple(shown)))
     return tuple(result)
+
+
+def _shown(rows: FloatArray, largest: float | None) -> FloatArray:
+    """(m, k) orthonormal combinations of functions, whitened (R, m), but for those that no hypothesis tells from noise.
+
+    largest: Nm², most that the variance of a weight may be; None where the noise is not known, and all may show.
+    Independent weights of the functions are independent weights of combinations.
+    """
+    if largest is None:
+        return np.eye(rows.shape[1])
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    kept = values * largest > HIDDEN
+    kept[-1] = True
+    return np.eye(kept.size) if kept.all() else np.asarray(vectors[:, kept])
 
 
 Place = tuple[int, int]

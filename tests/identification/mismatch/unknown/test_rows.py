@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import BaseRegressor
+from identification.mismatch.evidence import rows_of_each
 from identification.mismatch.prepared import prepare
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import HIDDEN, VARIANCE_CAP, DiagnosisSettings
 from identification.mismatch.unknown.classes import CLASSES, STATE_ORDER
 from identification.mismatch.unknown.functions import smooth_table, tabulated
+from identification.mismatch.unknown.model_terms import terms_of, terms_torque
 from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.selection import Selection
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
@@ -70,3 +73,29 @@ def test_the_functions_of_the_state_are_products_of_functions_of_one_variable(ro
         candidates.append(own * speed * np.prod(parts, axis=0))
     distance = [np.abs(values - candidate[:, None]).max(axis=0).min() for candidate in candidates]
     assert max(distance) < 1e-12
+
+
+def test_only_what_no_hypothesis_tells_from_noise_is_left_out_of_the_functions(rows: Rows) -> None:
+    """Truth: the functions themselves, sent through the projection of the torque."""
+    own, weight = rows.joints[3], rows.problem.weight[3][:, None]
+    assert own.columns < sum(len(shown) for shown in own.shown)
+    for place, (basis, shown) in enumerate(zip(own.bases, own.shown, strict=True)):
+        parts = [item.project(basis.columns(inputs)) for item, inputs in zip(rows.evidences, rows.inputs, strict=True)]
+        functions = np.concatenate(parts) * weight
+        kept = functions @ shown
+        assert np.abs(own.whitened[:, np.flatnonzero(own.group == place)] - kept).max() < 1e-9 * np.abs(functions).max()
+        left_out = np.linalg.norm(functions - kept @ shown.T, 2) ** 2
+        assert left_out * VARIANCE_CAP * rows.misfit[3] <= HIDDEN * (1.0 + 1e-6)
+
+
+def test_a_models_terms_have_the_torque_that_the_rows_were_given(rows: Rows) -> None:
+    """Their weights are of functions, those of the rows of what shows of these."""
+    selection = Selection.of(rows, [0])
+    selection.states[3] = state = selection.full(3)
+    weights = selection.posterior(3, state).weights
+    torque = terms_torque(terms_of(selection), rows.evidences[0].motion)[:, 3]
+    here = rows_of_each(rows.evidences)[0]
+    expected = rows.joints[3].whitened[here, : weights.size] @ weights
+    found = rows.evidences[0].project(torque[:, None])[:, 0] * rows.problem.weight[3][here]
+    assert np.abs(expected).max() > 1.0
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
