@@ -52,6 +52,7 @@ from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.judgement import Judgement, judge
 from identification.mismatch.unknown.over_time import changing, earned_over_time, least_of_drifts, still_refused
+from identification.mismatch.unknown.vibration import vibrating
 from identification.model_file import Model
 from identification.recordings.independence import recording_names, refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
@@ -137,7 +138,9 @@ def diagnose(
     judgement = None
     if dependence is not None:
         judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
-    classes = () if judgement is None else (*judgement.claims, *changing(refused))
+    classes: tuple[ClassClaim, ...] = () if judgement is None else (*judgement.claims, *changing(refused))
+    if physics:
+        classes = (*classes, *vibrating([*now.fitted.evidences, *(() if unseen is None else unseen.evidences)]))
     after = rms_with_findings(None if split else rows.fit, rows.fitted, claims, nominal, plain)
     diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
     if model is not None:

@@ -41,7 +41,8 @@ class Evidence:
     band, which is weaker evidence. restore: rows (R, …) back to (S, …), nan where no row tells; None for the lines of
     a period. counted: samples behind the rows where those are not all of the motion's. white_noise:
     (R, n) Nm, level of the torque above the compared band where `noise` is more than that; None where it is measured.
-    noise_by_band: whether noise that stands in for a measured one may differ between bands.
+    noise_by_band: whether noise that stands in for a measured one may differ between bands. table: the periods that
+    the rows come from, None without.
     """
 
     recording: Recording
@@ -59,6 +60,7 @@ class Evidence:
     counted: int | None = None
     white_noise: FloatArray | None = None
     noise_by_band: bool = True
+    table: PeriodTable | None = None
 
     @property
     def samples(self) -> int:
@@ -180,6 +182,7 @@ def periodic_evidence(
         noise_freedom=freedom,
         used=np.ones(torque.shape, dtype=np.bool_),
         noise_is_measured=average.periods > 1,
+        table=table,
     )
     return with_nominal(evidence, regressor)
 
