@@ -51,7 +51,13 @@ from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.summary import summarise
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.judgement import Judgement, judge
-from identification.mismatch.unknown.over_time import changing, earned_over_time, least_of_drifts, still_refused
+from identification.mismatch.unknown.over_time import (
+    Refused,
+    changing,
+    earned_over_time,
+    least_of_drifts,
+    still_refused,
+)
 from identification.mismatch.unknown.vibration import vibrating
 from identification.model_file import Model
 from identification.recordings.independence import recording_names, refuse_shared_samples
@@ -138,9 +144,7 @@ def diagnose(
     judgement = None
     if dependence is not None:
         judgement = judge(dependence, now.fitted, unseen, claims, now.problem, now.result.candidates)
-    classes: tuple[ClassClaim, ...] = () if judgement is None else (*judgement.claims, *changing(refused))
-    if physics:
-        classes = (*classes, *vibrating([*now.fitted.evidences, *(() if unseen is None else unseen.evidences)]))
+    classes = _classes(judgement, refused, now.fitted, unseen, physics=physics)
     after = rms_with_findings(None if split else rows.fit, rows.fitted, claims, nominal, plain)
     diagnosis = _summarised(now, unseen, claims, classes, nominal, plain, after, inactive, rows.faults, settings)
     if model is not None:
@@ -214,6 +218,18 @@ def _summarised(
         now.problem, now.result, inactive, claims, classes, baseline, left, now.fitted, unseen, faults, nominal, after,
         settings,
     )  # fmt: skip
+
+
+def _classes(
+    judgement: Judgement | None, refused: Sequence[Refused], fitted: Prepared, unseen: Prepared | None, *, physics: bool
+) -> tuple[ClassClaim, ...]:
+    """What the torque depends on: in the mean of the periods, over the recording, and what is in step with no period.
+
+    physics: whether the data allow any.
+    """
+    evidences = [*fitted.evidences, *(() if unseen is None else unseen.evidences)]
+    steady = () if judgement is None else (*judgement.claims, *changing(refused))
+    return (*steady, *vibrating(evidences)) if physics else steady
 
 
 def _with_classes(diagnosis: Diagnosis, judgement: Judgement | None) -> Diagnosis:
