@@ -15,6 +15,7 @@ from scipy.special import chdtrc
 
 from identification.mismatch.settings import PRIOR_COST
 from identification.mismatch.unknown.choice import exchange
+from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Found
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, JointState, Selection
 
@@ -62,26 +63,32 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
     """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
+        # Noise that was estimated has taken for noise what is to be put in, and a constant what it is the mean of.
         state = selection.states[joint]
-        classes = selection.gains(joint, state)
-        gain, number = max(((gain, number) for number, gain in classes.items()), default=(0.0, 0))
-        groups = _gains(selection, joint, untried)
-        more, place = max(((gain, place) for place, gain in groups.items()), default=(0.0, 0))
-        if max(gain, more) < PRIOR_COST:
-            return selection
-        if more > gain:
-            selection = selection.with_group(joint, *untried.pop(place))
-            state = selection.with_added(joint, state, [len(selection.rows.joints[joint].bases) - 1])
-        else:
-            state = selection.with_class(joint, state, number)
         if selection.rows.noise_rows:
-            # Noise that was estimated has taken for noise what is put in.
             state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
-        state = _pruned(selection, joint, selection.settled(joint, state, FULL_ROUNDS, quiet=FULL_ROUNDS))
-        worth = selection.score(joint, state)
+        quiet = selection.with_state(joint, state)
+        gains = quiet.gains(joint, state).items()
+        classes = {number: gain for number, gain in gains if state.groups or not CLASSES[number].within}
+        groups, options = _gains(quiet, joint, untried), []
+        if max(classes.values(), default=0.0) >= PRIOR_COST:
+            number = max(classes, key=lambda item: classes[item])
+            options.append((selection, selection.with_class(joint, state, number)))
+        if max(groups.values(), default=0.0) >= PRIOR_COST:
+            place = max(groups, key=lambda item: groups[item])
+            wider = selection.with_group(joint, *untried[place])
+            options.append((wider, wider.with_added(joint, state, [len(wider.rows.joints[joint].bases) - 1])))
+        grown = [
+            option.with_state(joint, _pruned(option, joint, option.settled(joint, new, FULL_ROUNDS, quiet=FULL_ROUNDS)))
+            for option, new in options
+        ]
+        best = max([selection, *grown], key=lambda option: option.score(joint, option.states[joint]))
+        worth = best.score(joint, best.states[joint])
         if worth <= score + PRIOR_COST:
             return selection
-        selection, score = selection.with_state(joint, state), worth
+        if best.rows is not selection.rows:
+            untried.pop(place)
+        selection, score = best, worth
 
 
 def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, float]:

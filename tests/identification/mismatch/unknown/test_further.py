@@ -40,3 +40,19 @@ def test_a_function_of_one_other_joint_has_its_class_first(
     first = max(found.held, key=lambda item: item.loss)
     assert (CLASSES[first.number].name, first.joint + 1) == (name, 4)
     assert all(len(set(groups)) == len(groups) for groups in found.chosen)
+
+
+def test_a_function_of_another_joint_whose_mean_is_most_of_it_is_no_constant(
+    iiwa14: RobotModel, iiwa14_base: BaseRegressor, table3: PhysicalParameters
+) -> None:
+    """A torque of joint 3 that grows with the speed of joint 5, either way: its waves were taken for slow noise."""
+
+    def hidden(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        del q, torque
+        return on_joint(3, 0.03 * np.abs(dq[:, 4]) ** 1.2)
+
+    recordings = record(iiwa14, table3, hidden, motion=4), record(iiwa14, table3, hidden, periods=4, motion=24, seed=2)
+    settings = DiagnosisSettings()
+    found = find_dependence(*(prepare([item], iiwa14, iiwa14_base, settings, None) for item in recordings))
+    first = max(found.held, key=lambda item: item.loss)
+    assert (CLASSES[first.number].name, first.joint + 1) == ("other_motion", 3)
