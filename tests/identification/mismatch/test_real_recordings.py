@@ -288,7 +288,11 @@ def test_what_is_found_on_two_thirds_of_the_panda_lowers_the_error_of_every_join
     [
         ("own_position", 3, lambda data: 4.0 * np.sin(5.0 * data["q"][:, 2])),
         ("other_torques", 5, lambda data: 0.03 * data["tau"][:, 0]),
-        ("other_torques", 3, lambda data: 6.0 * np.exp(-((data["tau"][:, 1] - np.median(data["tau"][:, 1])) / 17.0) ** 2)),
+        (
+            "other_torques",
+            3,
+            lambda data: 6.0 * np.exp(-(((data["tau"] - np.median(data["tau"], axis=0))[:, 1] / 17) ** 2)),
+        ),
     ],
 )
 def test_what_is_hidden_on_a_joint_of_the_ur10_is_said_of_that_joint_and_modelled(
