@@ -19,6 +19,9 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Found
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, JointState, Selection
 
+MEAN = next(number for number, kind in enumerate(CLASSES) if kind.name == "constant")
+"""Number of the class that any other one has a part in."""
+
 
 def left_more_than_noise(selection: Selection) -> list[int]:
     """Joints (from 0) whose classes leave more than the measured noise below some frequency, beyond the odds against a
@@ -63,13 +66,12 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
     """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
-        # Noise that was estimated has taken for noise what is to be put in, and a constant what it is the mean of.
+        # Noise that was estimated has taken for noise what is to be put in.
         state = selection.states[joint]
         if selection.rows.noise_rows:
             state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
         quiet = selection.with_state(joint, state)
-        gains = quiet.gains(joint, state).items()
-        classes = {number: gain for number, gain in gains if state.groups or not CLASSES[number].within}
+        classes = {number: gain for number, gain in quiet.gains(joint, state).items() if not CLASSES[number].within}
         groups, options = _gains(quiet, joint, untried), []
         if max(classes.values(), default=0.0) >= PRIOR_COST:
             number = max(classes, key=lambda item: classes[item])
@@ -78,6 +80,8 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
             place = max(groups, key=lambda item: groups[item])
             wider = selection.with_group(joint, *untried[place])
             options.append((wider, wider.with_added(joint, state, [len(wider.rows.joints[joint].bases) - 1])))
+        # Functions are centred: with one that is put in comes its mean, which goes again where it is not missed.
+        options = [(option, option.with_class(joint, new, MEAN)) for option, new in options]
         grown = [
             option.with_state(joint, _pruned(option, joint, option.settled(joint, new, FULL_ROUNDS, quiet=FULL_ROUNDS)))
             for option, new in options
