@@ -49,13 +49,21 @@ def preceded(used: BoolArray, starts: BoolArray) -> IntArray:
     return np.asarray(row - np.maximum.accumulate(np.where(broken, row, 0), axis=0))
 
 
-def colour_of(left: FloatArray, used: BoolArray) -> Colour:
-    """Of residuals (R, n), by Levinson's recursion; its order by Schwarz's criterion, a joint at a time."""
+def colour_of(left: FloatArray, used: BoolArray, doubt: FloatArray | None = None) -> Colour:
+    """Of residuals (R, n), by Levinson's recursion; its order by Schwarz's criterion, a joint at a time.
+
+    doubt: (R, n, k), what each of k independent unit directions of the estimate's uncertainty makes. Parameters take
+    up noise at the motion's own frequencies, where a short residual then has too little of it; what they took is, on
+    average, what they are uncertain by (the E-step of Dempster, Laird and Rubin 1977).
+    """
     n = left.shape[1]
+    series_all = left[..., None] if doubt is None else np.concatenate([left[..., None], doubt], axis=2)
     taps, std = np.zeros((n, HIGHEST_ORDER + 1, HIGHEST_ORDER + 1)), np.zeros(n)
     for joint in range(n):
-        series, count = np.where(used[:, joint], left[:, joint], 0.0), max(1, int(used[:, joint].sum()))
-        moments = np.array([series[lag:] @ series[: len(series) - lag] for lag in range(HIGHEST_ORDER + 1)]) / count
+        series = np.where(used[:, joint, None], series_all[:, joint], 0.0)
+        count = max(1, int(used[:, joint].sum()))
+        moments = np.array([np.vdot(series[lag:], series[: len(series) - lag]) for lag in range(HIGHEST_ORDER + 1)])
+        moments /= count
         variance, predictors = _levinson(moments)
         cost = count * np.log(np.maximum(variance, 1e-300)) + np.log(count) * np.arange(HIGHEST_ORDER + 1)
         order = int(np.argmin(cost))

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.audit import STILL_ITS_OWN
+from identification.audit.basis import root_of
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
@@ -34,7 +35,7 @@ from identification.robots.model import RobotModel, refuse_followers
 
 TOOLS_REACH_M = 1.0
 """Half of an interval that is wider says nothing of where a load sits."""
-_TURNS = 4
+_TURNS = 6
 _LOAD_DATA = ("M", "X", "Y", "Z", "A", "B", "C", "JX", "JY", "JZ")
 _INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
 
@@ -254,13 +255,16 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArr
         np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
     )
     every, colour, count = np.concatenate(columns), Colour.white(std), len(runs[0].used)
-    for _ in range(_TURNS):
+    live = np.flatnonzero(width > 0.0)
+    for turn in range(_TURNS):
         weight = 1.0 / colour.std**2
         white = colour.innovations(every, before), colour.innovations(torque, before)
         products = products_of(*white, used, block % PARTS, PARTS)
         estimate = posterior(*products.summed(ALL, weight), np.diag(width))
         left = np.where(used, torque - every @ estimate.values, 0.0)
-        colour = colour_of(left, used)
+        # What the first estimate is uncertain by follows from a guess at the noise.
+        spread = estimate.covariance[np.ix_(live, live)] if turn else np.zeros((len(live), len(live)))
+        colour = colour_of(left, used, every[..., live] @ root_of(spread, width[live]))
         colour = replace(colour, std=np.maximum(colour.std, 1e-9))
         every[count:, :, -1] = every[count:, :, :-1] @ estimate.values[:-1]
     own, loaded = _body_on(len(std) - 1, len(std)), runs[1].used

@@ -52,6 +52,27 @@ def test_rows_behind_a_joint_at_rest_are_foretold_by_none_before_it() -> None:
     assert preceded(used, starts)[:, 0].tolist() == [0, 1, 2, 0, 1, 0]
 
 
+def test_what_a_fit_took_of_a_short_series_still_counts_as_its_noise() -> None:
+    """Truth: the spectrum at zero of an autoregression, σ²/(1 − a)². Slow waves that are fitted take most of it."""
+    rows, slowness = 70, 0.5
+    phase = np.pi * (np.arange(rows) + 0.5) / rows
+    waves = np.stack([np.cos(k * phase) for k in range(10)], axis=1)
+    used, before = np.ones((rows, 1), dtype=np.bool_), np.arange(rows)[:, None]
+    found = []
+    for seed in range(60):
+        noise = np.random.default_rng(seed).standard_normal((rows + 50, 1))
+        torque = lfilter([1.0], [1.0, -slowness], noise, axis=0)[50:]
+        colour, doubt = Colour.white(np.ones(1)), np.zeros((rows, 1, 10))
+        for _ in range(6):
+            own = colour.innovations(waves[:, None], before)[:, 0] / colour.std
+            seen = colour.innovations(torque, before) / colour.std
+            left = torque - waves @ np.linalg.lstsq(own, seen, rcond=None)[0]
+            colour = colour_of(left, used, doubt)
+            doubt = (waves @ np.linalg.cholesky(np.linalg.inv(own.T @ own)))[:, None]
+        found.append(float(colour.std[0] / colour.taps[0, -1].sum()))
+    assert abs(np.median(found) * (1.0 - slowness) - 1.0) < 0.2
+
+
 def test_white_residuals_stay_as_they_are() -> None:
     left = np.random.default_rng(3).standard_normal((5000, 2))
     used = np.ones(left.shape, dtype=np.bool_)
