@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.audit import STILL_ITS_OWN
@@ -22,6 +23,7 @@ from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
 from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Products, as_they_scatter, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
+from identification.audit.hypotheses import ODDS
 from identification.audit.rows import Rows, rows_of
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
@@ -279,18 +281,20 @@ def _weighted_by_odds(products: Products, weight: FloatArray, width: FloatArray,
 ]:  # fmt: skip
     """The body's parameters (10,) with their covariance, and the ratio of the torques.
 
-    The scale's variance is what likelihood asks for beyond chance, ŝ² - σ² or none, so that values go from those
-    without a scale to those with one without a leap (the positive part of James and Stein). The covariance is the mean
-    square about them by the odds of the two models, each by its own likelihood less one (Akaike's): one by what is
-    beyond chance alone is too narrow beside a scale of a few σ. Which side's torque reads right nobody knows.
+    Both runs are read by the same sensors, so that their torques differ by a scale has to be earned: values are the
+    mean of those with and without one by their odds, the prior's times what the densities of s = 0 before and after the
+    recordings say (Savage and Dickey). Where the prior is wrong these are too near to one scale for both. So the
+    covariance is the mean square about them by the likelihoods alone, that of the model with a scale less one
+    (Akaike's): it reaches as far as the recordings point. Which side's torque reads right nobody knows.
     """
     own = np.append(np.arange(len(width))[_body_on(n - 1, n)], len(width) - 1)
     without = np.append(width[:-1], 0.0)
     (free, wide), (fixed, narrow) = (_scattered(products, weight, each, own) for each in (width, without))
     scale, std = float(free[-1]), float(np.sqrt(wide[-1, -1]))
-    share = 1.0 / (1.0 + float(np.exp(min(1.0 - 0.5 * (scale / std) ** 2, 700.0))))
-    beyond_chance = 1.0 - (std / max(abs(scale), std)) ** 2
-    values = fixed[:-1] + beyond_chance * (free - fixed)[:-1]
+    nats = 0.5 * (scale / std) ** 2
+    share = float(expit(nats - 1.0))
+    earned = float(expit(nats + np.log(ODDS["common_gain"] * std / width[-1])))
+    values = fixed[:-1] + earned * (free - fixed)[:-1]
     covariance = np.zeros((INERTIAL, INERTIAL))
     for odds, body, spread in ((share, free[:-1], wide), (1.0 - share, fixed[:-1], narrow)):
         away = body - values
