@@ -113,9 +113,12 @@ def _other_scale(body: Body) -> list[str]:
     if abs(more) < LEAST_SIGMAS * body.torque_ratio.std:
         return []
     size = with_interval(replace(body.torque_ratio, value=abs(more)), 100.0, "%")
+    said = f"reads {size} {'more' if more > 0.0 else 'less'} with the tool than without."
+    if body.ratio_joint is not None:
+        return [f"The same torque of joint {body.ratio_joint + 1} {said} It is taken off."]
     return [
-        f"The same torque reads {size} {'more' if more > 0.0 else 'less'} with the tool than without. The load is in "
-        "units of the recordings without it; which are right is not known, and its mass is so much less certain."
+        f"The same torque {said} The load is in units of the recordings without it; which are right is not known, and "
+        "its mass is so much less certain."
     ]
 
 
@@ -165,6 +168,7 @@ def to_json(body: Body, stated: Sequence[dict[str, str]]) -> dict[str, Any]:
         "undetermined": list(body.undetermined),
         "set": {name: stated[1][name] for name in SET if name in stated[1]},
         "torque_ratio": body.torque_ratio.to_json(),
+        "torque_ratio_joint": None if body.ratio_joint is None else body.ratio_joint + 1,
         "seconds": body.seconds,
         "seconds_for_2_mm": number(body.seconds_for(CENTER_KNOWN_M)),
         "comparison": compared(body, stated),

@@ -12,19 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
-from scipy.special import expit
 
-from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray
 from identification.audit.audit import STILL_ITS_OWN
 from identification.audit.basis import root_of
 from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
 from identification.audit.difference import Number, numbers_of
-from identification.audit.evidence import Products, as_they_scatter, posterior, products_of
+from identification.audit.evidence import Products, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
-from identification.audit.hypotheses import ODDS
 from identification.audit.rows import Rows, rows_of
+from identification.audit.scales import factor_of, weighted_by_odds
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
 from identification.mismatch.data_faults.torque_signs import signs_of
@@ -48,6 +47,7 @@ class Body:
 
     frame: which one it is in, in words: the flange's where the robot has one, else the last link's. rms_before,
     rms_after: (n,) Nm of the recordings with it, without and with the body. seconds: of motion, the shorter side's.
+    torque_ratio: of the same torque as it reads with the load to without, of ratio_joint (from 0) or of all (None).
     What these motions leave open has no value: an arm whose joints are all parallel never shows where along them a load
     sits.
     """
@@ -60,6 +60,7 @@ class Body:
     rms_after: tuple[float, ...]
     seconds: float
     torque_ratio: Number
+    ratio_joint: int | None
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -96,14 +97,17 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, last.link)
     std = np.maximum(0.1 * sizes.torque, 1e-9)
-    products, weight, rms, bare = _fitted(runs, columns, width, std)
-    values, covariance, ratio = _weighted_by_odds(products, weight, width, robot.n)
+    products, weight, every = _fitted(runs, columns, width, std)
+    own = _body_on(last.link, robot.n)
+    found = weighted_by_odds(products, weight, width, np.arange(own.start, own.stop))
+    values, covariance = found.values, found.covariance
+    bare, *rms = _left(runs, every, found.likeliest, own)
     if abs(values[0]) > _widest(sizes):
         raise EstimationError(
             f"The recordings differ by {values[0]:.0f} kg on the last link, which no such arm carries: they are of "
             "different arms, or torque is not in Nm."
         )
-    left, load = (bare, float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
+    left, load = (float(np.linalg.norm(bare)), float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
     _refuse_undescribed(*left, load, robot.torque_unit)
     _refuse_two_arms(left, [_left_alone(*side, width, std) for side in zip(runs, columns, strict=True)], load, robot)
     _refuse_elsewhere(products, weight, sizes, robot)
@@ -114,7 +118,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
         )
     seconds = min(sum(item.duration_s for item in side) for side in (without, with_load))
     numbers = _in_frame(values, covariance, lambda body: _physical(body, flange))
-    return Body(frame, numbers[0], numbers[1:4], numbers[4:], *rms, seconds, ratio)
+    return Body(frame, numbers[0], numbers[1:4], numbers[4:], rms[0], rms[1], seconds, found.ratio, found.joint)
 
 
 def _refuse_undescribed(without: float, with_load: float, load: float, unit: str) -> None:
@@ -209,7 +213,7 @@ def _shows(item: Number) -> bool:
 
 
 def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
-    """(R, n, 27 n + 1): the arm, a body on each link, what friction and offset differ by, and room for the scale.
+    """(R, n, 28 n): the arm, a body on each link, what friction and offset differ by, and room for the joints' scales.
 
     All but the arm's are of the loaded run only.
     """
@@ -217,7 +221,7 @@ def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
     arm = Geometry(robot, rows).columns(np.array(robot.gravity))
     bodies = arm.reshape(*arm.shape[:2], n, PARAMETERS)[..., :INERTIAL].reshape(*arm.shape[:2], INERTIAL * n)
     drives = [PARAMETERS * joint + SYMBOLS.index(symbol) for joint in range(n) for symbol in ("FV", "FS", "OFF")]
-    return np.concatenate([arm, loaded * bodies, loaded * arm[..., drives], np.zeros((*arm.shape[:2], 1))], axis=2)
+    return np.concatenate([arm, loaded * bodies, loaded * arm[..., drives], np.zeros((*arm.shape[:2], n))], axis=2)
 
 
 def _body_on(link: int, n: int) -> slice:
@@ -226,9 +230,9 @@ def _body_on(link: int, n: int) -> slice:
 
 
 def _prior(sizes: Sizes, n: int, link: int) -> FloatArray:
-    """(27 n + 1,) standard deviations of all columns' prior where the body is on one link only.
+    """(28 n,) standard deviations of all columns' prior where the body is on one link only.
 
-    All torques are taken to differ from day to day by no larger share than friction does.
+    Torques are taken to differ from day to day by no larger share than friction does.
     """
     mass, length = _widest(sizes), float(sizes.length.max())
     bodies = np.zeros((n, INERTIAL))
@@ -237,7 +241,7 @@ def _prior(sizes: Sizes, n: int, link: int) -> FloatArray:
     daily = np.column_stack(
         [DAILY_FRICTION * table[:, INERTIAL : INERTIAL + 2], DAILY_OFFSET / DRIVE * table[:, INERTIAL + 2]]
     )
-    return np.concatenate([wide_open(sizes), bodies.ravel(), daily.ravel(), [DAILY_FRICTION]])
+    return np.concatenate([wide_open(sizes), bodies.ravel(), daily.ravel(), np.full(n, DAILY_FRICTION)])
 
 
 def _widest(sizes: Sizes) -> float:
@@ -246,79 +250,40 @@ def _widest(sizes: Sizes) -> float:
 
 
 def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArray, std: FloatArray) -> tuple[
-    Products, FloatArray, tuple[tuple[float, ...], tuple[float, ...]], float
+    Products, FloatArray, FloatArray
 ]:  # fmt: skip
-    """The products of an estimate weighted by what it leaves itself, its weights (n,), the loaded runs' RMS without and
-    with the body, and what stays of the others, all joints together. width: as `_prior` gives it.
+    """The products of an estimate weighted by what it leaves itself beside one scale for all joints, its weights (n,),
+    and the columns of all rows with those of the scales. width: as `_prior` gives it.
 
-    The loaded runs' torque is (1 + s) times the model's, so the scale's column is what the model predicts.
+    The loaded runs' torque of a joint is (1 + s) times the model's, so its scale's column is what the model predicts.
     """
     torque, used, before, block = (
         np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
     )
     every, colour, count = np.concatenate(columns), Colour.white(std), len(runs[0].used)
-    live = np.flatnonzero(width > 0.0)
+    n, live = len(std), np.flatnonzero(width > 0.0)
+    joints = np.arange(n)
     for turn in range(_TURNS):
         weight = 1.0 / colour.std**2
         white = colour.innovations(every, before), colour.innovations(torque, before)
         products = products_of(*white, used, block % PARTS, PARTS)
-        estimate = posterior(*products.summed(ALL, weight), np.diag(width))
+        estimate = posterior(*products.summed(ALL, weight), factor_of(width, np.ones(n)))
         left = np.where(used, torque - every @ estimate.values, 0.0)
         # What the first estimate is uncertain by follows from a guess at the noise.
         spread = estimate.covariance[np.ix_(live, live)] if turn else np.zeros((len(live), len(live)))
         colour = colour_of(left, used, every[..., live] @ root_of(spread, width[live]))
         colour = replace(colour, std=np.maximum(colour.std, 1e-9))
-        every[count:, :, -1] = every[count:, :, :-1] @ estimate.values[:-1]
-    own, loaded = _body_on(len(std) - 1, len(std)), runs[1].used
-    body = columns[1][..., own] @ estimate.values[own]
-    sides = ((left[:count], runs[0].used), (np.where(loaded, left[count:] + body, 0.0), loaded), (left[count:], loaded))
-    bare, *rms = (_rms(*side) for side in sides)
-    return products, weight, (rms[0], rms[1]), float(np.linalg.norm(bare))
+        every[count:, joints, joints - n] = every[count:, :, :-n] @ estimate.values[:-n]
+    return products, weight, every
 
 
-def _weighted_by_odds(products: Products, weight: FloatArray, width: FloatArray, n: int) -> tuple[
-    FloatArray, FloatArray, Number
-]:  # fmt: skip
-    """The body's parameters (10,) with their covariance, and the ratio of the torques.
-
-    Both runs are read by the same sensors, so that their torques differ by a scale has to be earned: values are the
-    mean of those with and without one by their odds, the prior's times what the densities of s = 0 before and after the
-    recordings say (Savage and Dickey). Where the prior is wrong these are too near to one scale for both. So the
-    covariance is the mean square about them by the likelihoods alone, that of the model with a scale less one
-    (Akaike's): it reaches as far as the recordings point. Which side's torque reads right nobody knows.
-    """
-    own = np.append(np.arange(len(width))[_body_on(n - 1, n)], len(width) - 1)
-    without = np.append(width[:-1], 0.0)
-    (free, wide), (fixed, narrow) = (_scattered(products, weight, each, own) for each in (width, without))
-    scale, std = float(free[-1]), float(np.sqrt(wide[-1, -1]))
-    nats = 0.5 * (scale / std) ** 2
-    share = float(expit(nats - 1.0))
-    earned = float(expit(nats + np.log(ODDS["common_gain"] * std / width[-1])))
-    values = fixed[:-1] + earned * (free - fixed)[:-1]
-    covariance = np.zeros((INERTIAL, INERTIAL))
-    for odds, body, spread in ((share, free[:-1], wide), (1.0 - share, fixed[:-1], narrow)):
-        away = body - values
-        covariance += odds * (spread[:-1, :-1] + np.outer(away, away))
-    covariance += share * scale**2 * np.outer(values, values)
-    return values, covariance, Number("torque_ratio", 1.0 + scale, std, "")
-
-
-def _scattered(products: Products, weight: FloatArray, width: FloatArray, own: IntArray) -> tuple[
-    FloatArray, FloatArray
-]:  # fmt: skip
-    """Some columns' values and covariance, as wide as they scatter where a part of the rows is left out; unknown where
-    the prior allows none.
-    """
-    factor = np.diag(width)
-    estimate = posterior(*products.summed(ALL, weight), factor)
-    live = own[width[own] > 0.0]
-    left_out = np.array(
-        [posterior(*products.summed([p for p in ALL if p != part], weight), factor).values[live] for part in ALL]
-    )
-    covariance = np.zeros((len(own), len(own)))
-    kept = np.flatnonzero(width[own] > 0.0)
-    covariance[np.ix_(kept, kept)] = as_they_scatter(estimate.covariance[np.ix_(live, live)], left_out)
-    return estimate.values[own], covariance
+def _left(runs: Sequence[Rows], every: FloatArray, values: FloatArray, own: slice) -> list[tuple[float, ...]]:
+    """(n,) RMS that values of all columns leave: of the runs without a load; of those with it without and with it."""
+    count, loaded = len(runs[0].used), runs[1].used
+    left = np.concatenate([rows.torque for rows in runs]) - every @ values
+    body = every[count:, :, own] @ values[own]
+    sides = ((left[:count], runs[0].used), (left[count:] + body, loaded), (left[count:], loaded))
+    return [_rms(np.where(used, each, 0.0), used) for each, used in sides]
 
 
 def _refuse_elsewhere(products: Products, weight: FloatArray, sizes: Sizes, robot: RobotModel) -> None:

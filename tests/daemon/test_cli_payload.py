@@ -73,6 +73,16 @@ def test_the_load_is_printed_as_the_cabinet_asks_for_it(
     assert "too light" not in text
 
 
+def test_a_joint_whose_torque_reads_otherwise_with_the_tool_is_told(
+    files: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held = dict(np.load(files[1]))
+    np.savez(tmp_path / "tool.npz", **{**held, "tau": held["tau"] * np.where(np.arange(7) == 3, 0.97, 1.0)})
+    assert run("payload", str(files[0]), str(tmp_path / "tool.npz"), "--json", str(tmp_path / "load.json")) == 0
+    assert re.search(r"same torque of joint 4 reads 3\.\d+ ± \S+ % less with the tool", capsys.readouterr().out)
+    assert json.loads((tmp_path / "load.json").read_text())["torque_ratio_joint"] == 4
+
+
 PLANAR = """<robot name="planar"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0.2 0.01 0"/><mass value="3"/>
 <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.05"/></inertial></link>
