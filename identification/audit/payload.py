@@ -20,8 +20,9 @@ from identification.audit.colour import Colour, colour_of
 from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
 from identification.audit.difference import Number, numbers_of
-from identification.audit.evidence import Products, posterior, products_of
+from identification.audit.evidence import Products, log_evidence, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
+from identification.audit.hypotheses import LOAD_SIZES
 from identification.audit.rows import Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
 from identification.base_parameters import BaseRegressor, RegressorOptions
@@ -95,7 +96,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     _refuse_turned([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
-    width = _prior(sizes, robot.n, last.link)
+    width = _prior(sizes, robot.n, [last.link], _widest(sizes))
     std = np.maximum(0.1 * sizes.torque, 1e-9)
     products, weight, every = _fitted(runs, columns, width, std)
     own = _body_on(last.link, robot.n)
@@ -110,7 +111,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     left, load = (float(np.linalg.norm(bare)), float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
     _refuse_undescribed(*left, load, robot.torque_unit)
     _refuse_two_arms(left, [_left_alone(*side, width, std) for side in zip(runs, columns, strict=True)], load, robot)
-    _refuse_elsewhere(products, weight, sizes, robot)
+    _refuse_elsewhere(runs, columns, sizes, std, robot)
     if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -229,14 +230,14 @@ def _body_on(link: int, n: int) -> slice:
     return slice(PARAMETERS * n + INERTIAL * link, PARAMETERS * n + INERTIAL * (link + 1))
 
 
-def _prior(sizes: Sizes, n: int, link: int) -> FloatArray:
-    """(28 n,) standard deviations of all columns' prior where the body is on one link only.
+def _prior(sizes: Sizes, n: int, links: Sequence[int], mass_kg: float) -> FloatArray:
+    """(28 n,) standard deviations of all columns' prior where bodies are on these links only.
 
     Torques are taken to differ from day to day by no larger share than friction does.
     """
-    mass, length = _widest(sizes), float(sizes.length.max())
+    length = float(sizes.length.max())
     bodies = np.zeros((n, INERTIAL))
-    bodies[link] = mass * np.array([1.0, *3 * [length], *6 * [length**2]])
+    bodies[list(links)] = mass_kg * np.array([1.0, *3 * [length], *6 * [length**2]])
     table = sizes.each.reshape(n, PARAMETERS)
     daily = np.column_stack(
         [DAILY_FRICTION * table[:, INERTIAL : INERTIAL + 2], DAILY_OFFSET / DRIVE * table[:, INERTIAL + 2]]
@@ -286,18 +287,31 @@ def _left(runs: Sequence[Rows], every: FloatArray, values: FloatArray, own: slic
     return [_rms(np.where(used, each, 0.0), used) for each, used in sides]
 
 
-def _refuse_elsewhere(products: Products, weight: FloatArray, sizes: Sizes, robot: RobotModel) -> None:
-    """What hangs on another link has a mass, a centre and intervals at the flange, too: those of no body."""
+def _refuse_elsewhere(
+    runs: Sequence[Rows], columns: Sequence[FloatArray], sizes: Sizes, std: FloatArray, robot: RobotModel
+) -> None:
+    """What hangs on another link has a mass, a centre and intervals at the flange, too: those of no body. The same
+    where it hangs there besides the tool. Both are asked beside no scale and one of all torques, in the noise that
+    bodies on all links leave: what one at the flange alone leaves has in it what is asked for.
+    """
+    n, last, mass = robot.n, robot.n - 1, LOAD_SIZES * float(sizes.mass.mean())
+    products, weight, _ = _fitted(runs, columns, _prior(sizes, n, range(n), mass), std)
     gram, right = products.summed(ALL, weight)
-    fits = [posterior(gram, right, np.diag(_prior(sizes, robot.n, link))).values for link in range(robot.n)]
-    nats = np.array([0.5 * float(right @ values) for values in fits])
-    likely = np.flatnonzero(nats > nats.max() - LEAST_GAIN)
-    if robot.n - 1 not in likely:
-        links = " or ".join(str(link + 1) for link in likely)
-        raise EstimationError(
-            f"The recordings do not differ by a load at the flange: one on link {links} explains them far better. Let "
-            "nothing but the tool differ between them."
-        )
+
+    def gained(links: list[int], scales: FloatArray) -> float:
+        width = _prior(sizes, n, links, mass)
+        return max(log_evidence(gram, right, factor_of(width, joints)) for joints in scales)
+
+    none_or_all = np.array([np.zeros(n), np.ones(n)])
+    own = max(gained([], none_or_all), gained([last], np.vstack([none_or_all, np.eye(n)])))
+    for other, said in (([], "do not differ by a load at the flange: one"), ([last], "differ by more: a second load")):
+        nats = np.array([gained([link, *other], none_or_all) for link in range(last)])
+        if nats.max(initial=-np.inf) > own + LEAST_GAIN:
+            links = " or ".join(str(link + 1) for link in np.flatnonzero(nats > nats.max() - LEAST_GAIN))
+            raise EstimationError(
+                f"The recordings {said} on link {links} explains them far better. Let nothing but the tool differ "
+                "between them; `iiwa-ident compare` asks for other causes."
+            )
 
 
 def _left_alone(rows: Rows, columns: FloatArray, width: FloatArray, std: FloatArray) -> float:
