@@ -23,7 +23,7 @@ from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Products, log_evidence, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.hypotheses import LOAD_SIZES
-from identification.audit.rows import Rows, rows_of
+from identification.audit.rows import LEAST_TRAVEL, Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, RecordingError
@@ -91,7 +91,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
     flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
-    runs = [rows_of(recordings) for recordings in (without, with_load)]
+    runs = [_of_moving_joints(rows_of(recordings)) for recordings in (without, with_load)]
     refuse_repeated([*without, *with_load])
     _refuse_turned([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
@@ -211,6 +211,11 @@ def _open_load_data(undetermined: Sequence[str]) -> set[str]:
 def _shows(item: Number) -> bool:
     low, high = item.interval
     return not low <= 0.0 <= high
+
+
+def _of_moving_joints(rows: Rows) -> Rows:
+    """Without a joint that never moves: of its weight friction holds any share, another one in each run."""
+    return replace(rows, used=rows.used & (np.ptp(rows.position, axis=0) >= LEAST_TRAVEL))
 
 
 def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:
