@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,10 +50,6 @@ from identification.recordings.standing import standing_values
 from identification.recordings.units import wrong_torque_unit
 from identification.robots import RobotModel
 from identification.signals.processed import ProcessedSignals
-
-if TYPE_CHECKING:
-    from identification.audit.exchange import Exchange
-    from identification.audit.turned import TurnedJoint
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Split", "fit_recordings"]
 
@@ -147,12 +142,12 @@ def _nominal(
 @dataclass(frozen=True, slots=True)
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
-    they may be. misplaced: joints whose positions are exchanged, or one that counts otherwise than the robot's model.
+    they may be. misplaced: which torques or positions are not those of their joint, or count the other way, in words.
     stand: why the base hardly stands as stated, empty where it may. changed: what changes within one of them, in words.
     """
 
     wrong_unit: str
-    misplaced: Exchange | TurnedJoint | None
+    misplaced: str
     stand: str
     changed: tuple[str, ...]
 
@@ -165,22 +160,21 @@ class _Misread:
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""
         if not misfit.may_be_more_than_noise:
-            return cls(wrong_unit, None, "", ())
+            return cls(wrong_unit, "", "", ())
         # Slow to load, and most fits leave nothing but noise.
         from identification.audit.mount import misplaced, stand_in_doubt
         from identification.audit.partly import notes_on_changes
 
         where = misplaced(recordings, robot)
-        stand = "" if where is not None else stand_in_doubt(recordings, robot)
+        stand = "" if where else stand_in_doubt(recordings, robot)
         return cls(wrong_unit, where, stand, tuple(notes_on_changes(recordings, robot)))
 
     @property
     def notes(self) -> list[str]:
         """A warning for each."""
-        misplaced = [] if self.misplaced is None else [f"WARNING, {self.misplaced.sentence.rstrip('.')}"]
-        unit = [f"WARNING, {self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
-        stand = [f"WARNING, {self.stand.rstrip('.')}"] if self.stand else []
-        return [*unit, *misplaced, *stand, *(f"WARNING, {each}" for each in self.changed)]
+        unit = [f"{self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
+        others = (each.rstrip(".") for each in (self.misplaced, self.stand) if each)
+        return [f"WARNING, {each}" for each in (*unit, *others, *self.changed)]
 
     @contextmanager
     def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:
@@ -189,8 +183,8 @@ class _Misread:
             yield
         except SolverError as error:
             path = recording.source.path
-            if self.misplaced is not None:
-                raise RecordingError.named(path, self.misplaced.sentence.rstrip("."), field="q") from error
+            if self.misplaced:
+                raise RecordingError.named(path, self.misplaced.rstrip("."), field="q") from error
             if self.wrong_unit:
                 raise RecordingError.named(path, self.wrong_unit, field="tau") from error
             raise

@@ -26,6 +26,7 @@ from identification.audit.misread import (
     order_by_itself,
 )
 from identification.audit.numbers import found_numbers
+from identification.audit.other_order import other_order
 from identification.audit.reading import Reading, in_degrees
 from identification.audit.rows import Rows, rows_of
 from identification.audit.search import Audited, search, search_turned
@@ -157,6 +158,12 @@ def _as_it_shows(
         what = misread("wrong_joint_order", pair.joints, float("nan"), pair.against)
         readings.append((given.with_rows(pair.undone(rows), given.reading.with_positions(order)), undone, [what]))
     taken: tuple[Audited, _Given, list[Difference]] = found, given, []
+    if (every := other_order(recordings, robot)) is not None:
+        order = np.array(every.columns) - 1
+        there = [replace(each, position=each.position[:, order], torque=each.torque[:, order]) for each in recordings]
+        what = misread("wrong_joint_order", every.joints, float("nan"), every.against)
+        reading = given.reading.in_order(order).with_positions(order)
+        readings.append((given.with_rows(rows.joints_in_order(order), reading), there, [what]))
     for instead, as_read, moved in readings or [(given, recordings, [])]:
         each = signs_of(as_read, regressor)
         signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)

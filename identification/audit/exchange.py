@@ -23,6 +23,8 @@ from identification.audit.rows import MOTION, REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
+FIRST = 0.1
+"""Of its torque, what is taken to be left of a joint before anything is known; a joint out of its place leaves more."""
 _TURNS = 2
 """In which the noise that an order of joints leaves and its parameters settle."""
 
@@ -82,21 +84,34 @@ class Stated:
         """Of some recordings; None for one joint, and for joints that follow others. Raises RecordingError for
         recordings at rest or too short.
         """
-        if robot.mimics or robot.n < 2:
-            return None
-        rows = rows_of(recordings)
+        return None if robot.mimics or robot.n < 2 else cls.of_rows(rows_of(recordings), robot)
+
+    @classmethod
+    def of_rows(cls, rows: Rows, robot: RobotModel) -> Stated:
+        """Of rows, read as they are."""
         sizes = sizes_of(robot, rows)
         stated = Directions.of(Geometry(robot, rows), rows.torque)
         return cls(rows, np.array(robot.gravity, dtype=np.float64), sizes, wide_open(sizes), stated)
+
+    def left_by(self, other: Directions) -> FloatArray:
+        """(n,) Nm RMS that free parameters leave of rows read in another way."""
+        std = np.maximum(FIRST * self.sizes.torque, 1e-9)
+        for _ in range(_TURNS):
+            std = np.maximum(other.left(self.gravity, 1.0 / std**2, self.factor), self.sizes.least_noise)
+        return std
+
+    def under(self, std: FloatArray) -> tuple[float, float]:
+        """Log evidence of these rows, and the squares that stay of them, both by a noise (n,) Nm."""
+        weight, mean = 1.0 / (REPEATED * std**2), np.zeros(len(self.factor))
+        squares = float((self.directions.left(self.gravity, weight, self.factor) ** 2 / std**2).sum())
+        return self.directions.evidence(self.gravity, weight, mean, self.factor), squares
 
     def gain_of(self, other: Directions, least: float, *rivals: Directions) -> float | None:
         """Nats by which rows read in another way are likelier; None for `least` or fewer, or where much misfit stays.
 
         rivals: other readings, which the same holds against.
         """
-        std = np.maximum(0.1 * self.sizes.torque, 1e-9)
-        for _ in range(_TURNS):
-            std = np.maximum(other.left(self.gravity, 1.0 / std**2, self.factor), self.sizes.least_noise)
+        std = self.left_by(other)
         gains = [self._likelier(other, rival, std, least) for rival in (self.directions, *rivals)]
         return None if None in gains else gains[0]
 

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import LEAST_GAIN, LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
-from identification.audit.exchange import Exchange
 from identification.audit.given import sizes_of, wide_open
-from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, rows_of
-from identification.audit.turned import TurnedJoint, misplaced_joints
+from identification.audit.misread import of_order, order_by_itself
+from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, Rows, rows_of
+from identification.audit.turned import misplaced_joints
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
@@ -163,18 +163,33 @@ def stand_in_doubt(recordings: Sequence[Recording], robot: RobotModel) -> str:
     return ""
 
 
-def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> Exchange | TurnedJoint | None:
-    """As `misplaced_joints`; None where another stand is likelier.
+def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> str:
+    """What is said where torques, positions or both are not those of their joint, or count the other way; else empty.
 
-    Of recordings at rest or too short nothing is said.
+    So it is where another stand is likelier, of recordings at rest or too short, and where joints follow others.
     """
     parts = [excerpt(recording) for recording in recordings]
     try:
+        order = None if robot.mimics else order_of_torques(rows_of(parts), robot, None)
+        if order is not None:
+            order = order_of_torques(rows_of(parts), robot, mounting_of(parts, robot, LEAST_GAIN))
+        if order is not None:
+            return of_order(order, float("nan")).sentence
         found = misplaced_joints(parts, robot)
         stand = None if found is None else mounting_of(parts, robot, found.gain)
     except RecordingError:
-        return None
-    return None if stand is not None and stand.is_other else found
+        return ""
+    return "" if found is None or (stand is not None and stand.is_other) else found.sentence
+
+
+def order_of_torques(rows: Rows, robot: RobotModel, stand: Mounting | None) -> IntArray | None:
+    """Which joint's motion each torque goes with, under the gravity stated or found; None where it is its own."""
+    stated = np.array(robot.gravity)
+    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
+    decisive = order_by_itself(rows, robot, stated, only_decisive=True)
+    if decisive is not None:
+        return decisive
+    return order_by_itself(rows, robot, stand.gravity if stand is not None and stand.is_other else stated)
 
 
 def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: float = -np.inf) -> Mounting | None:

@@ -108,6 +108,11 @@ class Rows:
             smooth=tuple(replace(item, torque=item.torque[:, order], rate=item.rate[:, order]) for item in self.smooth),
         )  # fmt: skip
 
+    def joints_in_order(self, order: IntArray) -> Rows:
+        """With motion and torque of joint order[j] under joint j."""
+        own: dict[str, Any] = {name: getattr(self, name)[:, order] for name in (*MOTION, "used")}
+        return replace(self.in_order(order), **own)
+
     def turned(self, joint: int, *, with_torque: bool) -> Rows:
         """With the motion of one joint (from 0) turned round, or its motion and its torque."""
         sign = np.where(np.arange(self.torque.shape[1]) == joint, -1.0, 1.0)

@@ -17,6 +17,7 @@ from identification.audit.directions import Directions
 from identification.audit.exchange import Exchange, Stated, exchanged_positions
 from identification.audit.given import GivenModel
 from identification.audit.misread import beside_friction, least_square
+from identification.audit.other_order import OtherOrder, other_order
 from identification.audit.rows import REPEATED, Rows
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
@@ -82,9 +83,13 @@ def turned_joint(
 
 def misplaced_joints(
     recordings: Sequence[Recording], robot: RobotModel, least_gain: float = LEAST_GAIN
-) -> Exchange | TurnedJoint | None:
-    """Two joints whose positions are exchanged, or the joint that is turned. As `turned_joint`."""
-    return exchanged_positions(recordings, robot, least_gain) or turned_joint(recordings, robot, least_gain)
+) -> Exchange | TurnedJoint | OtherOrder | None:
+    """Two joints whose positions are exchanged, the joint that is turned, or all in another order, as is likeliest.
+
+    As `turned_joint`.
+    """
+    one = exchanged_positions(recordings, robot, least_gain) or turned_joint(recordings, robot, least_gain)
+    return other_order(recordings, robot, least_gain if one is None else max(least_gain, one.gain)) or one
 
 
 def turned_against(geometry: Geometry, set_up: SetUp, model: GivenModel) -> tuple[Rows, TurnedJoint] | None:

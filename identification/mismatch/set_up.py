@@ -13,10 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from identification.arrays import FloatArray
 from identification.audit.comparison import LEAST_SIGMAS
-from identification.audit.misread import of_order, order_by_itself
-from identification.audit.mount import Mounting, excerpt, mounting_of
+from identification.audit.misread import of_order
+from identification.audit.mount import Mounting, excerpt, mounting_of, order_of_torques
 from identification.audit.partly import notes_on_changes
 from identification.audit.reading import in_degrees
 from identification.audit.rows import Rows, rows_of
@@ -130,14 +129,11 @@ def _places(
     """Whether torques, positions and velocities stand under their own joints, and whether positions were exchanged or
     turned.
     """
-    other = stand is not None and stand.is_other
-    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
-    order = _order(rows, robot, np.array(robot.gravity), only_decisive=True)
-    if order.status == "ok":
-        order = _order(rows, robot, stand.gravity if stand is not None and other else np.array(robot.gravity))
-    if order.status != "ok":
-        return order, False
-    rival = stand.gain if stand is not None and other else 0.0
+    moved = order_of_torques(rows, robot, stand)
+    if moved is not None:
+        return SetUpCheck("order of joints", "failed", of_order(moved, float("nan")).sentence), False
+    order = SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
+    rival = stand.gain if stand is not None and stand.is_other else 0.0
     excerpts = [excerpt(recording) for recording in recordings]
     misplaced = misplaced_joints(excerpts, robot, rival)
     if misplaced is not None:
@@ -204,13 +200,6 @@ def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: 
     if doubts:
         return SetUpCheck("units", "warning", f"{'; '.join(doubts)}.")
     return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
-
-
-def _order(rows: Rows, robot: RobotModel, gravity: FloatArray, *, only_decisive: bool = False) -> SetUpCheck:
-    order = order_by_itself(rows, robot, gravity, only_decisive=only_decisive)
-    if order is None:
-        return SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
-    return SetUpCheck("order of joints", "failed", of_order(order, float("nan")).sentence)
 
 
 def _constancy(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:

@@ -14,6 +14,8 @@ import pytest
 from identification.audit.audit import audit
 from identification.audit.exchange import exchanged_positions
 from identification.audit.mount import require_stated_stand
+from identification.audit.other_order import OtherOrder, other_order
+from identification.audit.turned import misplaced_joints
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.settings import FitSettings
@@ -95,6 +97,71 @@ def test_no_exchange_is_seen_in_the_recording_of_a_real_arm(file: str) -> None:
     slow = replace(recording, time=2.0 * recording.time, sampling_period_s=2.0 * recording.sampling_period_s)
     for each in (recording, replace(recording, position=turned), replace(slow, period_index=None, period_s=None)):
         assert exchanged_positions([each], robot) is None
+
+
+@pytest.mark.parametrize("columns", [(3, 2, 1, 4, 5, 6), (2, 1, 3, 5, 4, 6), (2, 3, 1, 4, 5, 6)])
+def test_joints_in_another_order_are_told_with_the_option_that_puts_them_right(
+    columns: tuple[int, ...], tmp_path: Path
+) -> None:
+    """Positions and torques together, as in a table by the alphabet. Truth: the torques of six joints, then moved."""
+    (tmp_path / "arm.urdf").write_text(random_arm(6, 5))
+    robot = load_robot(tmp_path / "arm.urdf")
+    states = fourier_motion(6, period_s=20.0, samples=4000, seed=5)
+    torque = inverse_dynamics(robot, random_bodies(6, 5), *states)
+    torque += 0.01 * np.random.default_rng(5).standard_normal(torque.shape)
+    sound = recording_of(states[0], torque, period_s=20.0)
+    recorded = np.argsort(np.array(columns) - 1)
+    spoilt = replace(sound, position=sound.position[:, recorded], torque=torque[:, recorded])
+    found = other_order([spoilt], robot)
+    assert found is not None
+    assert found.columns == columns
+    assert f"--joints {','.join(map(str, columns))}" in found.sentence
+    assert other_order([sound], robot) is None
+
+
+@pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz", "kr300_b.npz"])
+def test_no_other_order_is_seen_in_the_recording_of_a_real_arm(file: str) -> None:
+    """Nor where a sign, two positions, or the torques alone are wrong."""
+    recording, robot = measured(file)
+    one = np.where(np.arange(recording.n) == 1, -1.0, 1.0)
+    for each in (
+        recording,
+        replace(recording, torque=one * recording.torque),
+        exchanged(recording, 2, 3, "position"),
+        exchanged(recording, 2, 3, "torque"),
+    ):
+        assert not isinstance(misplaced_joints([each], robot), OtherOrder)
+
+
+def test_real_joints_in_another_order_are_told_alone_and_beside_a_model(tmp_path: Path) -> None:
+    recording, robot = measured("ur10.npz")
+    settings = FitSettings(physical=False)
+    model = read_model(write_model(fit_recordings([recording], robot, settings).to_model_json(), tmp_path / "m.json"))
+    columns = (2, 1, 3, 5, 4, 6)
+    order = np.array(columns) - 1
+    spoilt = replace(recording, position=recording.position[:, order], torque=recording.torque[:, order])
+    found = misplaced_joints([spoilt], robot)
+    assert isinstance(found, OtherOrder)
+    assert found.columns == columns
+    (said,) = audit([spoilt], robot, model).differences
+    assert (said.effect, said.joints, said.against) == ("wrong_joint_order", found.joints, "recording")
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("torque",), "The torques are in the order of other joints"),
+        (("position", "torque"), "Positions and torques stand in another order than the robot's joints"),
+    ],
+)
+def test_fit_warns_of_joints_in_another_order_and_the_examination_fails(names: tuple[str, ...], said: str) -> None:
+    """It left more than half of a torque and said nothing, though `doctor --log` told the first."""
+    recording, robot = measured("ur10.npz")
+    spoilt = exchanged(recording, 2, 4, *names)
+    notes = fit_recordings([spoilt], robot, FitSettings(physical=False)).notes
+    assert any(note.startswith(f"WARNING, {said}") for note in notes)
+    order = {each.name: each for each in examine_set_up([spoilt], robot)}["order of joints"]
+    assert (order.status, order.sentence[: len(said)]) == ("failed", said)
 
 
 def test_exchanged_positions_are_no_other_stand_and_the_examination_names_them(
