@@ -166,8 +166,9 @@ class _Misread:
         from identification.audit.partly import notes_on_changes
 
         where = misplaced(recordings, robot)
-        stand = "" if where else stand_in_doubt(recordings, robot)
-        return cls(wrong_unit, where, stand, tuple(notes_on_changes(recordings, robot)))
+        if where:  # joints that are out of place look like much else
+            return cls(wrong_unit, where, "", ())
+        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), tuple(notes_on_changes(recordings, robot)))
 
     @property
     def notes(self) -> list[str]:

@@ -87,6 +87,7 @@ class RecordedArm:
         contradicts the stated one is then a RecordingError, else it is only said.
         """
         from identification.audit.mount import other_stand, require_stated_stand
+        from identification.errors import RecordingError
         from identification.recordings.reader import read_inputs
         from identification.recordings.standing import standing_values
 
@@ -112,7 +113,13 @@ class RecordedArm:
             inputs = read(mounting.installation(inputs.robot.locked_joints))
         if fits:
             require_stated_stand(inputs.recordings, inputs.robot)
-        elif (found := other_stand(inputs.recordings, inputs.robot)) is not None:
+            return inputs
+        try:
+            found = other_stand(inputs.recordings, inputs.robot)
+        except RecordingError as error:  # beside a model it is an answer
+            message(str(error))
+            return inputs
+        if found is not None:
             message(found[1].sentence if model_robot is None else found[1].other)
         return inputs
 

@@ -29,6 +29,11 @@ LEAST_SHARE = 0.3
 """Of what the stated gravity leaves, that another takes away."""
 TELLS = np.radians(10.0)
 """Half of a 95 % interval: wider, a recording does not tell how the base stands."""
+WEIGHTLESS = (
+    "The torque holds no weight of the arm: without gravity the recording goes far better with one rigid body. It is a "
+    "torque beside the controller's own compensation of gravity, or an external one. Give the measured torque, or add "
+    "what was taken off."
+)
 _TURNS = 2
 _SAME_DIRECTION = np.radians(0.5)
 """What is left under two directions so near is the same, and so would be the next direction."""
@@ -36,9 +41,9 @@ _SAME_DIRECTION = np.radians(0.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
-    """gravity: (3,) m/s² in the base frame, the likeliest. angle: rad from the stated one;
-    spread: its standard deviation. gain, mirrored: nats of the likeliest against the stated, and against gravity
-    upside down. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
+    """gravity: (3,) m/s² in the base frame, the likeliest; zero where the torque holds no weight. angle: rad from the
+    stated one; spread: its standard deviation. gain, mirrored: nats of the likeliest against the stated, and against
+    gravity upside down. rms_stated, rms_found: (n,) Nm that free parameters leave under each.
     """
 
     gravity: FloatArray
@@ -66,6 +71,11 @@ class Mounting:
         return self.gain > LEAST_GAIN and self.angle > LEAST_ANGLE and found < (1.0 - LEAST_SHARE) * stated
 
     @property
+    def weightless(self) -> bool:
+        """Whether the torque is one without the weight of the arm."""
+        return not self.gravity.any()
+
+    @property
     def tells(self) -> bool:
         """Whether the recording shows how the base stands."""
         return bool(1.96 * self.spread < TELLS)
@@ -73,6 +83,8 @@ class Mounting:
     @property
     def other(self) -> str:
         """How it stands where `is_other`, without what to do about it."""
+        if self.weightless:
+            return WEIGHTLESS
         x, y, z = self._figures
         half = max(np.degrees(1.96 * self.spread), 0.1)
         return (
@@ -86,7 +98,7 @@ class Mounting:
         x, y, z = self._figures
         half = max(np.degrees(1.96 * self.spread), 0.1)
         if self.is_other:
-            return f"{self.other} Give --mount auto, or --gravity={x},{y},{z}."
+            return self.other if self.weightless else f"{self.other} Give --mount auto, or --gravity={x},{y},{z}."
         if self.tells and self.angle < LEAST_ANGLE:
             well = f"The base stands as stated: gravity is {np.degrees(self.angle):.1f} ± {half:.1f}° from it"
             return f"{well}." if self.mirrored > LEAST_GAIN else f"{well}, or upside down, which looks alike here."
@@ -129,8 +141,8 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
     """The first recording that contradicts the robot's gravity, and how its base stands; None where none does.
 
     Each is asked alone, so that one among many is found. Those at rest or too short contradict nothing; an arm with
-    joints that follow others is not asked. Raises RecordingError, field q, where it is no other stand that a recording
-    shows but the positions of two joints in each other's place, or one that counts the other way.
+    joints that follow others is not asked. Raises RecordingError where it is no other stand that a recording shows:
+    field q for joints that stand elsewhere or count the other way, tau for a torque that holds no weight.
     """
     if robot.mimics:
         return None
@@ -144,6 +156,8 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
             misplaced = misplaced_joints(part, robot, found.gain)
             if misplaced is not None:
                 raise RecordingError.at(recording.source.path, misplaced.sentence, field="q")
+            if found.weightless:
+                raise RecordingError.at(recording.source.path, found.sentence, field="tau")
             return recording, found
     return None
 
@@ -196,7 +210,8 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
     """Gravity of recordings without any model of the arm; None for one that no gravity acts on or that is all level.
 
     None too where the likeliest gravity gains less than `least_gain` nats against the stated one: how certain it is is
-    then not asked. Raises RecordingError for recordings at rest or too short.
+    then not asked. Zero where no gravity at all is likelier than any. Raises RecordingError for recordings at rest or
+    too short.
     """
     stated = np.array(robot.gravity, dtype=np.float64)
     rows = rows_of([excerpt(recording) for recording in recordings])
@@ -215,11 +230,17 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
         gravity, _ = everything.best(weight, mean, factor, GRAVITY)
         if _angle(gravity, before) < _SAME_DIRECTION:
             break
-    gain = everything.evidence(gravity, weight, mean, factor) - everything.evidence(stated, weight, mean, factor)
+    none = np.zeros(3)
+    likely, as_stated, without = (everything.evidence(each, weight, mean, factor) for each in (gravity, stated, none))
+    weightless = without - likely > LEAST_GAIN
+    gravity = none if weightless else gravity
+    gain = (without if weightless else likely) - as_stated
     if gain < least_gain:
         return None
     angle = _angle(gravity, stated)
     rms = [everything.left(each, weight, factor) for each in (stated, gravity)]
+    if weightless:
+        return Mounting(gravity, angle, 0.0, gain, gain, rms[0], rms[1])
     mirrored = everything.evidence(gravity, weight, mean, factor) - everything.evidence(-gravity, weight, mean, factor)
     spread = Directions.of(geometry, rows.torque, PARTS).spread(gravity, weight, mean, factor)
     return Mounting(gravity, angle, spread, gain, mirrored, rms[0], rms[1])

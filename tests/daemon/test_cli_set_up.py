@@ -41,12 +41,14 @@ def sound() -> dict[str, np.ndarray]:
     return {"t": np.arange(1000) * 0.01, "q": states[0], "dq": states[1], "tau": torque, "tau_ext": noise[1]}
 
 
-def leaning(data: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def leaning(
+    data: dict[str, np.ndarray], gravity: tuple[float, float, float] = (9.81, 0.0, 0.0)
+) -> dict[str, np.ndarray]:
     robot, links = load_robot("iiwa14"), iiwa14_table_three()
     model = robot.pinocchio_model.copy()
     for link in range(7):
         model.inertias[link + 1] = pinocchio.Inertia(links.mass[link], links.center_of_mass[link], links.inertia[link])
-    model.gravity.linear = np.array([9.81, 0.0, 0.0]) - robot.gravity
+    model.gravity.linear = np.array(gravity) - robot.gravity
     still = np.zeros(7)
     weight = [pinocchio.rnea(model, model.createData(), q, still, still) for q in data["q"]]
     return {**data, "tau": data["tau"] + np.array(weight)}
@@ -227,6 +229,36 @@ def test_nothing_is_fitted_under_a_gravity_that_the_recording_contradicts(
     assert "log.npz: The base does not stand as stated" in said.err + said.out
     assert "Traceback" not in said.err
     assert words[0] == "batch" or set(tmp_path.iterdir()) == before
+
+
+def test_joints_in_another_order_are_told_by_a_fit_and_beside_a_model(
+    sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of an arm whose joints are e0, e1, s0, s1, w0 by name. The answer beside a model goes before all else."""
+    order = [2, 3, 0, 1, 4, 5, 6]
+    moved = {name: values if name == "t" else values[:, order] for name, values in sound.items()}
+    np.savez(tmp_path / "sound.npz", robot="iiwa14", **sound)  # type: ignore[arg-type]
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **moved)  # type: ignore[arg-type]
+    model, folder = tmp_path / "model.json", tmp_path / "diagnosis"
+    assert run("fit", tmp_path / "log.npz", "--no-physical", "--out", model) == 0
+    assert "--joints 3,4,1,2,5,6,7" in capsys.readouterr().out
+    assert run("fit", tmp_path / "sound.npz", "--no-physical", "--out", model) == 0
+    assert run("diagnose", tmp_path / "log.npz", "--model", model, "--out", folder) == 0
+    (first, *_) = json.loads((folder / "diagnosis.json").read_text())["differences"]
+    assert first["sentence"].startswith("Positions and torques stand in another order than the robot's joints")
+
+
+def test_a_torque_without_weight_is_refused_by_a_fit_and_said_where_a_model_is_validated(
+    sound: dict[str, np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / "sound.npz", robot="iiwa14", **sound)  # type: ignore[arg-type]
+    np.savez(tmp_path / "log.npz", robot="iiwa14", **leaning(sound, (0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+    model = tmp_path / "model.json"
+    assert run("fit", tmp_path / "log.npz", "--no-physical", "--out", model) == 65
+    assert "holds no weight of the arm" in capsys.readouterr().err
+    assert run("fit", tmp_path / "sound.npz", "--no-physical", "--out", model) == 0
+    assert run("validate", model, tmp_path / "log.npz") == 0
+    assert "holds no weight of the arm" in capsys.readouterr().err
 
 
 def test_a_recording_is_imported_as_it_shows_that_it_stood(

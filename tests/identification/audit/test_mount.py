@@ -141,3 +141,24 @@ def test_torques_in_a_far_unit_have_an_answer(iiwa14: RobotModel, table3: Physic
     torque += 0.01 * np.random.default_rng(7).standard_normal(torque.shape)
     recording = recording_of(np.tile(states[0], (4, 1)), 1e-3 * torque, period_s=10.0, periods=4)
     require_stated_stand([recording], iiwa14)
+
+
+def test_a_torque_without_the_weight_of_the_arm_is_refused_as_that(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """As a controller reports it beside its own compensation. It was fitted with 29 % of a torque left, and not a word.
+
+    Truth: the torque of the motion less that of the same positions at rest.
+    """
+    states = fourier_motion(7, period_s=10.0, samples=1000, seed=7)
+    at_rest = inverse_dynamics(iiwa14, table3, states[0], *np.zeros((2, *states[0].shape)))
+    torque = np.tile(inverse_dynamics(iiwa14, table3, *states) - at_rest, (4, 1))
+    torque += 0.01 * np.random.default_rng(7).standard_normal(torque.shape)
+    recording = recording_of(np.tile(states[0], (4, 1)), torque, period_s=10.0, periods=4)
+    for robot in (iiwa14, replace(iiwa14, gravity=np.array([9.81, 0.0, 0.0]))):
+        with pytest.raises(RecordingError, match="holds no weight of the arm") as refusal:
+            require_stated_stand([recording], robot)
+        assert (refusal.value.field, refusal.value.exit_code) == ("tau", 65)
+    (check,) = (each for each in examine_set_up([recording], iiwa14) if each.name == "gravity")
+    assert check.status == "failed"
+    assert "holds no weight" in check.sentence
