@@ -32,16 +32,22 @@ def read_csv(path: Path) -> list[RawTable]:
 
     An empty cell counts as not a number, and so does a whole line that is no row of numbers, with a finding that names
     line and column: the row is left out later. An incomplete last line is left out with a finding. Raises
-    RecordingError, which names the first such line, where they are too many to trust the rest.
+    RecordingError, which names the first such line, where they are too many to trust the rest. Where semicolons or
+    tabs stand between the columns, a comma within a cell is its decimal sign.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (UnicodeDecodeError, OSError) as error:
+    except UnicodeDecodeError as error:
+        raise RecordingError.named(path, "is no text in UTF-8; save it so") from error
+    except OSError as error:
         raise RecordingError.named(path, f"cannot be read as text ({reason_of(error)})") from error
     settings, start = _settings(lines)
     refuse_unknown_units(path, settings)
     if start >= len(lines):
         raise RecordingError.named(path, "holds no header and no rows")
+    separator = next((each for each in ";\t" if each in lines[start]), ",")
+    if "," not in lines[start]:
+        lines[start:] = [line.replace(",", ".").replace(separator, ",") for line in lines[start:]]
     header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
     columns = _columns(path, header)
     findings: list[Finding] = []
@@ -105,13 +111,11 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
         if key in columns:
             raise RecordingError.named(path, f"column '{name}' stands twice in the header", field=name)
         columns[key] = index
-    if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
-        raise RecordingError.named(path, f"its columns are not separated by commas: {header[0][:200]!r}", field="t")
-    if ("t", "") not in columns:
-        raise RecordingError.named(path, f"column 't' is missing; the header is: {', '.join(header)[:200]}", field="t")
     joints = max((int(number) for name, number in columns if name == "q"), default=0)
-    if joints == 0:
-        raise RecordingError.named(path, "columns q1, q2, … are missing", field="q1")
+    for key, missing in ((("t", ""), "column 't' is"), (("q", "1"), "columns q1, q2, … are")):
+        if key not in columns:
+            what = f"{missing} missing; t,q1,…,qn,tau1,…,taun is needed, and the header is: {', '.join(header)[:200]}"
+            raise RecordingError.named(path, what, field="".join(key))
     for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
         for joint in range(1, joints + 1):
             if (quantity, str(joint)) not in columns:

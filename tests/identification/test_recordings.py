@@ -356,9 +356,21 @@ def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
     _refused(path, "'t'")
     path.write_text("t,q1,tau1\n")
     _refused(path, "no rows")
-    for separator in (";", "\t"):
-        path.write_text(f"t,q1,tau1\n{'0,1,2' * 9}\n".replace(",", separator))
-        _refused(path, "not separated by commas")
+    path.write_text("Zeit;q1;tau1\n0,5;1;2\n")
+    _refused(path, "t,q1,…,qn,tau1,…,taun is needed, and the header is: Zeit, q1, tau1")
+    path.write_text("t,q1,tau1\n0,1,2\n", encoding="utf-16")
+    _refused(path, "is no text in UTF-8; save it so")
+
+
+@pytest.mark.parametrize(("separator", "point"), [(";", ","), (";", "."), ("\t", ","), ("\t", ".")])
+def test_a_table_of_semicolons_or_tabs_holds_the_same_numbers(tmp_path: Path, separator: str, point: str) -> None:
+    """As spreadsheets write it where the comma is the decimal sign; it was refused."""
+    path = _save_csv(tmp_path / "a.csv", _arrays())
+    other = path.read_text().replace(",", separator).replace(".", point)
+    (tmp_path / "b.csv").write_text(other, encoding="utf-8-sig")
+    expected, found = read_recording(path), read_recording(tmp_path / "b.csv")
+    for name in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_a_tenth_of_a_second_is_too_short(tmp_path: Path) -> None:
