@@ -19,7 +19,7 @@ from identification.base_parameters import direction_of, width_of
 from identification.mismatch.unknown.functions import responses, smooth_table, stops, tabulated, warped
 from identification.mismatch.unknown.inputs import Inputs
 
-SMOOTH, FINE = (0.5, 9), (0.125, 27)
+SMOOTH, FINE, FINEST = (0.5, 9), (0.125, 27), (0.03125, 108)
 """Length of a function of position, in half ranges, and how many functions of that length there are."""
 SPEED, LOAD = (0.3, 11), (0.5, 7)
 STOP_WIDTHS = np.geomspace(0.001, 0.3, 8)
@@ -37,13 +37,15 @@ STATE_ORDER, STATE = 6, 96
 
 Part = tuple[FloatArray, FloatArray]
 """Functions (S, m) before they are centred and scaled, and their fade (S,)."""
+Functions = Callable[[Inputs, int], Part]
+"""Those of a joint (from 0) on a motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class OfOther:
-    """The functions that `of_one` makes of a joint, of the one `offset` further out; none where none is."""
+    """The functions that `of_one` makes of a joint, of that `offset` further out (0: its own); none where none is."""
 
-    of_one: Callable[[Inputs, int], Part]
+    of_one: Functions
     offset: int
 
     def __call__(self, inputs: Inputs, joint: int) -> Part:
@@ -59,7 +61,7 @@ class DependenceClass:
     """One class of dependence. name: contract §6. words: for a sentence, after "a torque that".
 
     groups: functions of a joint (from 0), each group with a variance of its own. further: groups that are asked only on
-    joints that these leave more than noise, of one other joint each. coordinate: the input over which the class has a
+    joints that these leave more than noise, of one joint each. coordinate: the input over which the class has a
     curve, "" where it has none. shared: the functions in `groups` are the same for all joints. background: stands for
     whatever is smooth; it is part of the model and the rival of every particular class, and nothing is said of it.
     described: names that describe the class completely. within: class whose functions hold these; where both stand on a
@@ -68,7 +70,7 @@ class DependenceClass:
 
     name: str
     words: str
-    groups: tuple[Callable[[Inputs, int], Part], ...]
+    groups: tuple[Functions, ...]
     coordinate: str = ""
     shared: bool = False
     background: bool = False
@@ -76,9 +78,9 @@ class DependenceClass:
     within: str = ""
     further: tuple[OfOther, ...] = ()
 
-    def functions(self, group: int) -> Callable[[Inputs, int], Part]:
+    def functions(self, group: int) -> Functions:
         """Those of a group; the further ones are numbered behind the others."""
-        every: tuple[Callable[[Inputs, int], Part], ...] = (*self.groups, *self.further)
+        every: tuple[Functions, ...] = (*self.groups, *self.further)
         return every[group]
 
 
@@ -98,18 +100,35 @@ def _position_smooth(inputs: Inputs, joint: int) -> Part:
     return np.column_stack([np.clip(place, -1, 1), _bent(place, SMOOTH)]), inputs.inside("position")[:, joint]
 
 
-def _position_fine(inputs: Inputs, joint: int) -> Part:
-    return _bent(inputs.position[:, joint], FINE), inputs.inside("position")[:, joint]
+def _position_narrow(kind: tuple[float, int]) -> Functions:
+    def columns(inputs: Inputs, joint: int) -> Part:
+        return _bent(inputs.position[:, joint], kind), inputs.inside("position")[:, joint]
+
+    return columns
 
 
-def _position_by_direction(inputs: Inputs, joint: int) -> Part:
-    values, inside = _position_smooth(inputs, joint)
-    return values * inputs.direction[:, joint, None], inside
+def _by_direction(of_position: Functions) -> Functions:
+    """The same functions of the position, turned round with the direction of motion."""
+
+    def columns(inputs: Inputs, joint: int) -> Part:
+        values, inside = of_position(inputs, joint)
+        return values * inputs.direction[:, joint, None], inside
+
+    return columns
 
 
-def _position_by_direction_fine(inputs: Inputs, joint: int) -> Part:
-    values, inside = _position_fine(inputs, joint)
-    return values * inputs.direction[:, joint, None], inside
+def _by_load(of_position: Functions) -> Functions:
+    """The same functions of the position, as large as the load."""
+
+    def columns(inputs: Inputs, joint: int) -> Part:
+        values, inside = of_position(inputs, joint)
+        load = np.clip(inputs.load[:, joint, None], -1, 1)
+        return values * load, inputs.inside("load")[:, joint] * inside
+
+    return columns
+
+
+_position_fine, _position_finest = _position_narrow(FINE), _position_narrow(FINEST)
 
 
 def _velocity_either_way(inputs: Inputs, joint: int) -> Part:
@@ -167,12 +186,6 @@ def _load_by_position(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("load")[:, joint] * inputs.inside("position")[:, joint]
 
 
-def _load_by_position_fine(inputs: Inputs, joint: int) -> Part:
-    values, inside = _position_fine(inputs, joint)
-    load = np.clip(inputs.load[:, joint, None], -1, 1)
-    return values * load, inputs.inside("load")[:, joint] * inside
-
-
 def _path_memory(inputs: Inputs, joint: int) -> Part:
     values = stops(inputs.position[:, joint], STOP_WIDTHS, periodic=inputs.motion.periodic)
     return values, inputs.inside("position")[:, joint]
@@ -219,7 +232,7 @@ def _leading(sizes: tuple[tuple[float, ...], ...]) -> tuple[tuple[int, ...], ...
     return tuple(order for order, _ in found if any(order))[:STATE]
 
 
-def _dynamics(name: str) -> Callable[[Inputs, int], Part]:
+def _dynamics(name: str) -> Functions:
     def columns(inputs: Inputs, joint: int) -> Part:
         values = responses(
             getattr(inputs, name)[:, joint],
@@ -258,7 +271,7 @@ FARTHEST = 8
 """Joints from one to another of which functions are asked alone."""
 
 
-def _of_one(functions: Callable[[Inputs, int], Part]) -> tuple[OfOther, ...]:
+def _of_one(functions: Functions) -> tuple[OfOther, ...]:
     """The same functions of one other joint each, in the order of how much further out it is."""
     return tuple(OfOther(functions, offset) for offset in (*range(-FARTHEST, 0), *range(1, FARTHEST + 1)))
 
@@ -282,10 +295,14 @@ CLASSES: tuple[DependenceClass, ...] = (
         "constant", "is constant", (_constant,), described=("torque_offset", "torque_sensor_drift"),
         within="own_position",
     ),
-    DependenceClass("own_position", "depends on its own position", (_position_smooth, _position_fine), "position"),
+    DependenceClass(
+        "own_position", "depends on its own position", (_position_smooth, _position_fine), "position",
+        further=(OfOther(_position_finest, 0),),
+    ),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
-        (_position_by_direction, _position_by_direction_fine), "position",
+        (_by_direction(_position_smooth), _by_direction(_position_fine)), "position",
+        further=(OfOther(_by_direction(_position_finest), 0),),
     ),
     DependenceClass(
         "own_velocity", "depends on its own velocity",
@@ -298,7 +315,7 @@ CLASSES: tuple[DependenceClass, ...] = (
     ),
     DependenceClass(
         "own_load_by_position", "depends on its own load and position together",
-        (_load_by_position, _load_by_position_fine),
+        (_load_by_position, _by_load(_position_fine)), further=(OfOther(_by_load(_position_finest), 0),),
     ),
     DependenceClass(
         "path_memory", "depends on where its path last turned round", (_path_memory,),

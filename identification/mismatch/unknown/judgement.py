@@ -33,7 +33,8 @@ from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 
 FORMS_NAMED, LEAST_SHARE = 3, 0.1
-CURVE_POINTS = 61
+CURVE_POINTS = 241
+"""Some ten for each wave of the narrowest functions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
