@@ -28,6 +28,7 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.search.search import SearchResult, search
 from identification.mismatch.search.trial import Trial
 from identification.mismatch.search.trial import fitted as fitted_again
+from identification.mismatch.search.waves import waves_left
 from identification.mismatch.settings import DiagnosisSettings
 from identification.mismatch.unknown.covariance import ClassCovariance
 from identification.mismatch.unknown.dependence import Dependence, find_dependence
@@ -55,7 +56,8 @@ Concluded = tuple[Explained, Prepared | None, Dependence | None, Claims]
 
 def explained_by_few(regressor: BaseRegressor, fitted: Prepared, settings: DiagnosisSettings) -> Explained:
     """What few effects explain of the mean of the periods, or of the rows where there are none."""
-    problem, library = fitted.problem(), fitted.library()
+    problem = fitted.problem()
+    library = replace(fitted.library(), waves=waves_left(problem, fitted.evidences))
     result = search(problem, library, fitted.renewal(regressor, library), settings)
     return Explained(regressor, fitted, library, problem, result)
 

@@ -69,7 +69,9 @@ class ShapeParameter:
     columns are then the chord of a torque that is not linear in the coefficient. textbook: its value in the form that
     the literature gives, kept unless another one gains what a further coefficient must; None for a
     parameter without such a value. The same physics in a freer form: a real friction or spring follows no textbook, and
-    the bounds say how far it may be from it and keep its name.
+    the bounds say how far it may be from it and keep its name. apart: of waves per turn, how far two values are apart
+    that the motion tells from each other: beside the usual ones of the grid the search asks those at which what is left
+    shows waves; 0 for any other parameter.
     """
 
     name: str
@@ -81,6 +83,12 @@ class ShapeParameter:
     logarithmic: bool = True
     tied: bool = False
     textbook: float | None = None
+    apart: float = 0.0
+
+    @property
+    def choices(self) -> float:
+        """How many values are asked: those of the grid, or as many as the motion tells apart."""
+        return max(len(self.grid), (self.upper - self.lower) / self.apart) if self.apart else len(self.grid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,7 +40,7 @@ class TorqueRipple(OwnJointEffect):
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The order N per turn of the joint, and the share w of the amplitude that grows with the load.
 
-        Two orders decorrelate when they differ by 2π over the joint's range; the grid is twice as fine as that.
+        Two orders decorrelate when they differ by 2π over the joint's range; half of that are told apart.
         """
         travel = max(float(np.ptp(motion.position[:, joint_index(place)])), 1e-3)
         step = math.pi / travel
@@ -49,7 +49,9 @@ class TorqueRipple(OwnJointEffect):
             centre + k * NEIGHBOURHOOD / max(steps, 1) for centre in (160.0, 320.0) for k in range(-steps, steps + 1)
         }
         return (
-            ShapeParameter("order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), LOWEST_ORDER, 500.0),
+            ShapeParameter(
+                "order", "per turn", tuple(sorted(near | set(USUAL_ORDERS))), LOWEST_ORDER, 500.0, apart=step
+            ),
             ShapeParameter("load_share", "1", (0.0,), 0.0, 1.0, logarithmic=False, textbook=0.0),
         )
 

@@ -54,16 +54,21 @@ class EffectRows:
 
 @dataclass(slots=True)
 class Library:
-    """Effects with the evidences they are evaluated on, and what was evaluated so far."""
+    """Effects with the evidences they are evaluated on, and what was evaluated so far.
+
+    waves: joint (from 1) → how often per turn its torque may repeat beside what is usual (`ShapeParameter.apart`).
+    """
 
     effects: Sequence[Effect]
     evidences: Sequence[Evidence]
+    waves: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     _known: dict[tuple[str, Place, Shape], EffectRows | None] = field(default_factory=dict)
 
     def seen_from(self, evidences: Sequence[Evidence]) -> Library:
         """The same effects on the same motions with another torque; rows that do not depend on that are kept."""
         kept = {effect.name for effect in self.effects if not effect.sees_torque}
-        return Library(self.effects, evidences, {key: rows for key, rows in self._known.items() if key[0] in kept})
+        known = {key: rows for key, rows in self._known.items() if key[0] in kept}
+        return Library(self.effects, evidences, self.waves, known)
 
     def rows(self, effect: Effect, place: Place, shape: Shape) -> EffectRows | None:
         """The rows of an effect; None where no evidence lets it act."""
@@ -80,12 +85,12 @@ class Library:
         parameters = effect.shape_parameters(self.evidences[0].motion, place)
         held = [item.textbook is not None and values[item.name] == item.textbook for item in parameters]
         freed = sum(item.textbook is not None for item in parameters) - sum(held)
-        points = (len(item.grid) for item, there in zip(parameters, held, strict=True) if freed or not there)
+        points = (item.choices for item, there in zip(parameters, held, strict=True) if freed or not there)
         return math.log(math.prod(points)) + COEFFICIENT_COST * freed
 
     def grid(self, effect: Effect, place: Place) -> tuple[Shape, ...]:
         """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""
-        return grid_of(effect, place, self.evidences[0].motion)
+        return grid_of(effect, place, self.evidences[0].motion, self.waves.get(place.joint or 0, ()))
 
     def candidates(self) -> tuple[list[EffectRows], list[tuple[Effect, Place]]]:
         """All repeatable effects at all places and grid points, and the pairs that the motion does not let act."""
@@ -104,13 +109,18 @@ class Library:
         return found, inactive
 
 
-def grid_of(effect: Effect, place: Place, motion: Motion) -> tuple[Shape, ...]:
-    """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""
+def grid_of(effect: Effect, place: Place, motion: Motion, waves: Sequence[float] = ()) -> tuple[Shape, ...]:
+    """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect.
+
+    waves: asked beside the grid of a parameter that says how often a torque repeats, as far as in its bounds.
+    """
     parameters = effect.shape_parameters(motion, place)
-    names = [parameter.name for parameter in parameters]
-    return tuple(
-        tuple(zip(names, values, strict=True)) for values in product(*(parameter.grid for parameter in parameters))
-    )
+    names = [item.name for item in parameters]
+    grids = [
+        (*item.grid, *(order for order in waves if item.apart and item.lower <= order <= item.upper))
+        for item in parameters
+    ]
+    return tuple(tuple(zip(names, values, strict=True)) for values in product(*grids))
 
 
 def evaluate(effect: Effect, place: Place, shape: Mapping[str, float], evidences: Sequence[Rows]) -> EffectRows | None:

@@ -223,7 +223,7 @@ def _moved(
 def _best_near(
     problem: Problem, library: Library, member: Member, parameter: ShapeParameter
 ) -> tuple[float, Member | None]:
-    """The best value between the neighbours of the member's own on the parameter's grid (or its bounds)."""
+    """The best value between the neighbours of the member's own (`apart`, on the parameter's grid, or its bounds)."""
     value = member.shape[parameter.name]
 
     def at(other: float) -> tuple[float, Member | None]:
@@ -232,8 +232,8 @@ def _best_near(
     forward, backward = (math.log, math.exp) if parameter.logarithmic else (float, float)
     below = [point for point in parameter.grid if point < value * (1.0 - 1e-9)]
     above = [point for point in parameter.grid if point > value * (1.0 + 1e-9)]
-    lower = max(below, default=parameter.lower)
-    upper = min(above, default=parameter.upper)
+    lower = value - parameter.apart if parameter.apart else max(below, default=parameter.lower)
+    upper = value + parameter.apart if parameter.apart else min(above, default=parameter.upper)
     if parameter.integer:
         points = range(math.ceil(lower), math.floor(upper) + 1)
         return max((at(float(point)) for point in points), key=lambda item: item[0], default=(-math.inf, None))
