@@ -1,5 +1,5 @@
-"""Functions of one other joint each, and narrow ones of its own position, on joints that all other classes may leave more
-than noise.
+"""Functions of one other joint each, and narrow ones of its own position, on joints that all other classes may leave
+more than noise.
 
 Here: which joints are asked, and the search, which puts groups in one by one. The usual search (`choice`) begins with
 all functions at once: so many would share a torque, and none of them would be missed. Not here: the functions
