@@ -18,7 +18,7 @@ from scipy.special import fdtrc
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
-from identification.mismatch.settings import ALTERNATIVE, SPEAK
+from identification.mismatch.settings import SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.functions import unwarped, warped
 from identification.mismatch.unknown.judgement import rms_interval
@@ -60,10 +60,10 @@ class _Frames:
 
 @dataclass(frozen=True, slots=True)
 class _Vibration:
-    """The clearest one of a joint over one coordinate: nats, class, from and to where, and the number of its line."""
+    """The clearest one of a joint over one coordinate (of `WHERE`): nats, from and to where, number of its line."""
 
     nats: float
-    name: str
+    coordinate: str
     between: tuple[float, float]
     line: int
 
@@ -75,11 +75,9 @@ def vibrating(evidences: Sequence[Evidence]) -> list[ClassClaim]:
         return []
     claims = []
     for joint in range(evidences[0].n):
-        found = sorted((_clearest(frames, joint, name) for name in WHERE), key=lambda item: -item.nats)
-        best = found[0]
+        best = max((_clearest(frames, joint, name) for name in WHERE), key=lambda item: item.nats)
         if best.nats >= SPEAK:
-            others = tuple(item.name for item in found[1:] if item.nats > best.nats - ALTERNATIVE)
-            claims.append(_claim(frames, joint, best, others))
+            claims.append(_claim(frames, joint, best))
     return [claim for claim in claims if claim.interval_nm[0] > 0.0]
 
 
@@ -171,13 +169,14 @@ def _beside(mean: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(above, means[1], means[0]), np.where(above, number[1], number[0]).astype(np.float64)
 
 
-def _claim(frames: Sequence[_Frames], joint: int, found: _Vibration, others: tuple[str, ...]) -> ClassClaim:
-    words, unit, _ = WHERE[found.name]
+def _claim(frames: Sequence[_Frames], joint: int, found: _Vibration) -> ClassClaim:
+    """`broadband`, as no function of the state is its torque: only its power depends on that."""
+    words, unit, _ = WHERE[found.coordinate]
     start, end = found.between
     lines = np.arange(found.line - LOBE, min(found.line + LOBE + 1, *(item.power.shape[3] for item in frames)))
     excess, square, count = np.zeros(lines.size), 0.0, 0
     for item in frames:
-        place, power = item.place[found.name][:, joint], item.power[joint][..., lines]
+        place, power = item.place[found.coordinate][:, joint], item.power[joint][..., lines]
         here = (place >= start) & (place <= end)
         # A sine of mean square s has the power s · size / 2 in its lines, of a window of length one.
         unit_of_power = 1.0 / (item.power.shape[3] - 1)
@@ -191,4 +190,4 @@ def _claim(frames: Sequence[_Frames], joint: int, found: _Vibration, others: tup
         f"{words} {start:.2g} to {end:.2g} {unit} and hardly elsewhere, {rms:.2g} Nm RMS ({interval[0]:.2g} to "
         f"{interval[1]:.2g}) over the recordings."
     )
-    return ClassClaim(found.name, joint + 1, rms, interval, found.nats, np.zeros(0), others, (), sentence, None)
+    return ClassClaim("broadband", joint + 1, rms, interval, found.nats, np.zeros(0), (), (), sentence, None)
