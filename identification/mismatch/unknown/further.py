@@ -52,7 +52,7 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
         if not candidates:
             continue
         starts = [selection.states[joint]]
-        if starts[0].groups:
+        if starts[0].groups and selection.rows.problem.noise_is_measured:
             # What a joint holds may stand for what it lacked, so it grows from nothing too.
             starts.append(selection.settled(joint, selection.unsettled(joint, ()), FULL_ROUNDS))
         grown = [_grown(selection.with_state(joint, state), joint, candidates) for state in starts]
@@ -64,15 +64,21 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
 
 
 def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
-    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
+    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs.
+
+    Where the noise is not measured only further groups are: on rows of an unknown noise another choice of the classes
+    says little.
+    """
+    measured = selection.rows.problem.noise_is_measured
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
         # Noise that was estimated has taken for noise what is to be put in.
         state = selection.states[joint]
-        if selection.rows.noise_rows:
+        if measured:
             state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
         quiet = selection.with_state(joint, state)
-        classes = {number: gain for number, gain in quiet.gains(joint, state).items() if not CLASSES[number].within}
+        gains = quiet.gains(joint, state).items() if measured else ()
+        classes = {number: gain for number, gain in gains if not CLASSES[number].within}
         groups, options = _gains(quiet, joint, untried), []
         if max(classes.values(), default=0.0) >= PRIOR_COST:
             number = max(classes, key=lambda item: classes[item])
