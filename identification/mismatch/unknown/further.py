@@ -1,5 +1,5 @@
-"""Functions of one other joint each, and narrow ones of its own position, on joints that all other classes may leave
-more than noise.
+"""Functions of one other joint each, and narrow ones of its own position, on joints that all other classes leave more
+than noise.
 
 Here: which joints are asked, and the search, which puts groups in one by one. The usual search (`choice`) begins with
 all functions at once: so many would share a torque, and none of them would be missed. Not here: the functions
@@ -26,13 +26,13 @@ MEAN = next(number for number, kind in enumerate(CLASSES) if kind.name == "const
 
 def left_more_than_noise(selection: Selection) -> list[int]:
     """Joints (from 0) whose classes leave more than the measured noise below some frequency, beyond the odds against a
-    class. Where the noise is not measured nobody knows what is left: all that are asked.
+    class; none where the noise is not measured.
     """
-    rows, found = selection.rows, []
-    asked = np.flatnonzero(rows.asked).tolist()
+    rows = selection.rows
     if not rows.problem.noise_is_measured:
-        return asked
-    for joint in asked:
+        return []
+    found = []
+    for joint in np.flatnonzero(rows.asked).tolist():
         state = selection.states[joint]
         now = selection.posterior(joint, state)
         freedom = np.maximum(state.gram.count - now.spread / state.hyper.noise, 1.0)
@@ -49,10 +49,8 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
     known: dict[Hashable, Found] = {}
     for joint in joints:
         candidates = selection.rows.further(joint, known)
-        if not candidates:
-            continue
         starts = [selection.states[joint]]
-        if starts[0].groups and selection.rows.problem.noise_is_measured:
+        if starts[0].groups:
             # What a joint holds may stand for what it lacked, so it grows from nothing too.
             starts.append(selection.settled(joint, selection.unsettled(joint, ()), FULL_ROUNDS))
         grown = [_grown(selection.with_state(joint, state), joint, candidates) for state in starts]
@@ -64,21 +62,14 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
 
 
 def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
-    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs.
-
-    Where the noise is not measured only further groups are: on rows of an unknown noise another choice of the classes
-    says little.
-    """
-    measured = selection.rows.problem.noise_is_measured
+    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
         # Noise that was estimated has taken for noise what is to be put in.
         state = selection.states[joint]
-        if measured:
-            state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
+        state = selection.state(joint, state.groups, replace(state.hyper, noise=np.ones_like(state.hyper.noise)))
         quiet = selection.with_state(joint, state)
-        gains = quiet.gains(joint, state).items() if measured else ()
-        classes = {number: gain for number, gain in gains if not CLASSES[number].within}
+        classes = {number: gain for number, gain in quiet.gains(joint, state).items() if not CLASSES[number].within}
         groups, options = _gains(quiet, joint, untried), []
         if max(classes.values(), default=0.0) >= PRIOR_COST:
             number = max(classes, key=lambda item: classes[item])
@@ -107,7 +98,7 @@ def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, flo
     if not candidates:
         return {}
     state, rows = selection.states[joint], selection.rows.joints[joint]
-    noise = (state.hyper.noise if selection.predicted else state.hyper.noise[selection.rows.band])[:, None]
+    noise = state.hyper.noise[selection.rows.band][:, None]
     weighted = [own / noise for _, own in candidates]
     visible = [own.T @ other for (_, own), other in zip(candidates, weighted, strict=True)]
     every = np.concatenate(weighted, axis=1)

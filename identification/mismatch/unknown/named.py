@@ -105,10 +105,9 @@ def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[i
     """Joint (from 0) → the particular classes that it holds once all the names are in.
 
     Where the noise is measured they are chosen anew; else they are what is left of the groups that were chosen without
-    names, as on rows of an unknown noise another choice says little, and all of them where no name shows.
+    names, as on rows of an unknown noise another choice says little.
     """
-    measured, shown = every.problem.noise_is_measured, {joint for name in names for joint in name.joints}
-    if measured:
+    if every.problem.noise_is_measured:
         whole = _together(every, names, chosen)
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
@@ -122,7 +121,7 @@ def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[i
         joint: frozenset(
             CLASSES[number].within or CLASSES[number].name
             for number, loss in own.items()
-            if (loss >= SPEAK or not (measured or joint in shown)) and not CLASSES[number].background
+            if loss >= SPEAK and not CLASSES[number].background
         )
         for joint, own in losses.items()
     }

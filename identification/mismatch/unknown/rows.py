@@ -139,14 +139,11 @@ class Rows:
     def further(self, joint: int, known: dict[Hashable, Found]) -> Found:
         """The further groups of all classes on a joint (from 0), with their whitened columns (R, m).
 
-        known: functions of one joint, before they are whitened, as calls for other joints found them. Those of its own
-        position only where the noise is measured: an axis that goes to and fro on one path has its velocity there.
+        known: functions of one joint, before they are whitened, as calls for other joints found them.
         """
         weight, found = self.problem.weight[joint][:, None], []
         for number, item in enumerate(CLASSES):
             for group, functions in enumerate(item.further, start=len(item.groups)):
-                if not functions.offset and not self.problem.noise_is_measured:
-                    continue
                 key = functions.of_one, joint + functions.offset
                 if key not in known:
                     known[key] = functions_of(self.evidences, self.inputs, joint, [(number, group)])

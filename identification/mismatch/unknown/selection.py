@@ -97,11 +97,17 @@ class Selection:
         predicted = predicted and not rows.problem.noise_is_measured and len(parts) > 1
         rows = rows if predicted or rows.by_band else rows.resolved()
 
-        joints = [_worlds(rows, joint, parts, predicted=predicted) for joint in range(rows.problem.n)]
-        worlds = tuple(zip(*joints, strict=True))
-        signs = (1.0,) if len(worlds) == 1 else (float(len(parts)), *(-1.0 for _ in parts))
-        result = cls(rows, worlds, signs, predicted=predicted)
-        start = np.ones(worlds[0][0].count.size)
+        def of(chosen: Sequence[int]) -> tuple[JointGram, ...]:
+            grams = rows.of(chosen)
+            return tuple(gram.one_band() for gram in grams) if predicted else grams
+
+        total = of(parts)
+        worlds, signs = [total], [1.0]
+        if not rows.problem.noise_is_measured and len(parts) > 1:
+            worlds += [tuple(whole.less(own) for whole, own in zip(total, of([part]), strict=True)) for part in parts]
+            signs = [float(len(parts)), *(-1.0 for _ in parts)]
+        result = cls(rows, tuple(worlds), tuple(signs), predicted=predicted)
+        start = np.ones(total[0].count.size)
         result.states = [result.state(joint, (), Hyper(np.zeros(0), start)) for joint in range(rows.problem.n)]
         return result
 
@@ -122,11 +128,9 @@ class Selection:
     def with_group(self, joint: int, basis: Basis, columns: FloatArray) -> Selection:
         """A copy whose rows have one group more on a joint, (R, m) whitened, which no state holds yet."""
         rows = self.rows.with_group(joint, basis, columns)
-        own = _worlds(rows, joint, rows.parts, predicted=self.predicted)
-        worlds = tuple(
-            (*world[:joint], gram, *world[joint + 1 :]) for world, gram in zip(self.worlds, own, strict=True)
-        )
-        return replace(self, rows=rows, worlds=worlds, states=list(self.states), held=list(self.held))
+        grams = list(self.worlds[0])
+        grams[joint] = rows.of_joint(joint, rows.parts)
+        return replace(self, rows=rows, worlds=(tuple(grams),), states=list(self.states), held=list(self.held))
 
     def with_state(self, joint: int, state: JointState) -> Selection:
         """A copy with another state of one joint."""
@@ -332,16 +336,3 @@ class Selection:
     def full(self, joint: int) -> JointState:
         """A joint with all classes that its rows hold, not yet estimated."""
         return self.unsettled(joint, range(len(self.rows.joints[joint].bases)))
-
-
-def _worlds(rows: Rows, joint: int, parts: Sequence[int], *, predicted: bool) -> list[JointGram]:
-    """Of a joint (from 0): some parts together, and where the noise is not known these without each of them."""
-
-    def of(chosen: Sequence[int]) -> JointGram:
-        gram = rows.of_joint(joint, chosen)
-        return gram.one_band() if predicted else gram
-
-    total = of(parts)
-    if rows.problem.noise_is_measured or len(parts) == 1:
-        return [total]
-    return [total, *(total.less(of([part])) for part in parts)]
