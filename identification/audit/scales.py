@@ -71,7 +71,8 @@ def weighted_by_odds(products: Products, weight: FloatArray, width: FloatArray, 
     n, size = len(weight), float(width[-1])
     sums = [products.summed([p for p in ALL if p != left_out], weight) for left_out in (None, *ALL)]
     found = [_read(sums, width, own, np.zeros(n), 1.0, 1), _read(sums, width, own, np.ones(n), ODDS["common_gain"], 1)]
-    found += [_read(sums, width, own, joints, ODDS["torque_sensor_gain"] / n, n) for joints in np.eye(n)]
+    if n > 1:  # of an arm of one joint all torques are that joint's: one reading, and no two votes
+        found += [_read(sums, width, own, joints, ODDS["torque_sensor_gain"] / n, n) for joints in np.eye(n)]
     earned = softmax([each.nats + each.log_odds(size) for each in found])
     share = softmax([each.nats - np.log(each.alike) for each in found])
     values = np.einsum("h,hk->k", earned, [each.values for each in found])

@@ -6,7 +6,7 @@ import pytest
 
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, EventCode
-from fri_client.loop.result import LoopSettings
+from fri_client.loop.result import LoopResult, LoopSettings
 from fri_client.messages import FriVersion
 
 from .scripted_robot import (
@@ -16,9 +16,23 @@ from .scripted_robot import (
     READY,
     REST,
     WAIT,
+    Client,
+    Robot,
     SteppedClock,
     running,
 )
+
+
+def driven_in_mode(client: Client, robot: Robot, operation: int | None, outcome: str) -> LoopResult:
+    """What the loop says of a motion that the robot offers in an operation mode. outcome: what is expected of it."""
+    robot.exchange(WAIT, 3, operation=operation)
+    robot.exchange(COMMANDING_WAIT, 5, operation=operation)
+    if outcome == "completed":
+        robot.until_done(client, operation=operation)
+    while client.thread.is_alive():
+        robot.send(ACTIVE, operation=operation)
+        robot.take_if_alive(client)
+    return client.finish()
 
 
 @pytest.mark.parametrize("version", [FriVersion.V1_15, FriVersion.V2_5])
@@ -103,14 +117,7 @@ def test_a_run_that_only_monitors_does_not_end_well_where_messages_still_come_an
 def test_the_first_run_on_an_arm_begins_in_t1_alone(operation: int | None, outcome: str) -> None:
     settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, test_mode_only=True)
     with running(settings=settings) as (client, robot):
-        robot.exchange(WAIT, 3, operation=operation)
-        robot.exchange(COMMANDING_WAIT, 5, operation=operation)
-        if outcome == "completed":
-            robot.until_done(client, operation=operation)
-        while client.thread.is_alive():
-            robot.send(ACTIVE, operation=operation)
-            robot.take_if_alive(client)
-        result = client.finish()
+        result = driven_in_mode(client, robot, operation, outcome)
     assert result.outcome == outcome, result.sentence
     assert ("the robot is in AUTOMATIC_MODE" in result.sentence) == (outcome == "not_started")
 
@@ -136,14 +143,7 @@ def test_a_motion_too_fast_for_t1_does_not_begin_in_it(operation: int, outcome: 
     clause = "the end-effector would reach 0.632 m/s"
     settings = LoopSettings(receive_timeout_s=60.0, command_timeout_s=0.3, too_fast_for_t1=clause)
     with running(settings=settings) as (client, robot):
-        robot.exchange(WAIT, 3, operation=operation)
-        robot.exchange(COMMANDING_WAIT, 5, operation=operation)
-        if outcome == "completed":
-            robot.until_done(client, operation=operation)
-        while client.thread.is_alive():
-            robot.send(ACTIVE, operation=operation)
-            robot.take_if_alive(client)
-        result = client.finish()
+        result = driven_in_mode(client, robot, operation, outcome)
     assert result.outcome == outcome, result.sentence
     assert (clause in result.sentence) == (outcome == "not_started")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio
@@ -18,13 +19,17 @@ from identification.audit.payload import Body, cabinet_load_data, weigh
 from identification.errors import EstimationError, RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
-from identification.robots import RobotModel
+from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
 
 NOISE_NM = 0.03
 FLANGE = np.array([0.0, 0.0, 0.126])
 TURN = np.diag([-1.0, -1.0, 1.0])
 """The flange's axes are the last link's, turned by π about z."""
+SLIDE = """<robot name="slide"><link name="base"/><link name="carriage"/>
+<joint name="z" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="1000" velocity="1"/></joint></robot>"""
+"""Level: no weight in its force."""
 
 
 @pytest.fixture(scope="module")
@@ -310,3 +315,22 @@ def test_one_side_with_more_noise_is_weighed_where_the_load_is_far_larger(
     found = weighed(iiwa14, exact, noisy)
     low, high = found.mass.interval
     assert low < 3.0 < high
+
+
+def test_of_an_arm_of_one_joint_all_torques_are_one_reading(tmp_path: Path) -> None:
+    """A scale s of its force is a load of s times what it moves: half of the odds say so, half that both are one scale.
+
+    As "all torques" and "that of joint 1" it had two of three votes.
+    """
+    (tmp_path / "slide.urdf").write_text(SLIDE)
+    position, velocity, acceleration = fourier_motion(1, period_s=5.0, samples=1000, seed=2, speed=0.3)
+    noise = np.random.default_rng(4).normal(scale=0.5, size=(6000, 1))
+
+    def pushed(mass_kg: float, noise: np.ndarray) -> Recording:
+        force = mass_kg * acceleration + 200.0 * velocity + 20.0 * np.sign(velocity)
+        return recording_of(np.tile(position, (6, 1)), np.tile(force, (6, 1)) + noise, period_s=5.0, periods=6)
+
+    body = weigh(load_robot(tmp_path / "slide.urdf"), [pushed(95.0, noise)], [pushed(120.0, -noise)])
+    assert body.mass.value == pytest.approx(25.0, abs=0.1)
+    assert body.mass.std == pytest.approx(np.sqrt(0.5) * 120.0 * body.torque_ratio.std, rel=0.05)
+    assert body.ratio_joint is None
