@@ -50,7 +50,7 @@ GROUPS: dict[str, tuple[Entry, ...]] = {
         Entry("submit-investigation", "service", "Have the service ask the arm what is open."),
         Entry("status", "service", "What the service does right now."),
         Entry("jobs", "service", "The queue, and what became of earlier jobs."),
-        Entry("stop", "service", "Ramp the arm down now and hold waiting runs."),
+        Entry("stop", "stop", "Ramp the arm down now and hold waiting runs."),
         Entry("resume", "service", "Let held runs take their turn again."),
         Entry("cancel", "service", "Take a waiting job out of the queue."),
         Entry("ping", "service", "Does the service answer?"),

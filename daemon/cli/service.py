@@ -1,11 +1,9 @@
-"""The long-running service and its clients: `daemon`, `submit`, `submit-investigation`, `status`, `jobs`, `stop`,
-`resume`, `cancel`, `ping`, `keys`.
+"""The long-running service and its clients: `daemon`, `submit`, `submit-investigation`, `status`, `jobs`, `resume`,
+`cancel`, `ping`, `keys`. `stop` has a module of its own.
 """
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -23,7 +21,7 @@ from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOp
 from daemon.cli.option_groups import grouped
 from daemon.cli.output import JsonOption, data, data_lines, message, told_in_words
 from daemon.cli.questions import agreed
-from daemon.errors import DaemonError, LogIOError, MissingInputError, NothingToStopError
+from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
 from daemon.words import counted
 
@@ -33,6 +31,8 @@ ConfigOption = Annotated[
 ConfirmOption = Annotated[
     bool, typer.Option("--confirm", help="The arm may move when the queue comes to it; nobody is asked again.")
 ]
+USUAL_PORT = 30200
+"""UDP port of a service for which nothing else is said; that of KUKA's own examples."""
 _CHECK_POLL_S = 0.3
 _CHECK_ALLOWANCE_S = 330.0
 
@@ -51,7 +51,12 @@ class Connection:
         str | None,
         typer.Option("--endpoint", envvar="IIWA_IDENT_ENDPOINT", help="ipc:///PATH or tcp://HOST:PORT of the service."),
     ] = None
-    port: Annotated[int, typer.Option("--port", help="UDP port whose service is meant, on this machine.")] = 30200
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--port", help=f"UDP port whose service is meant, on this machine; default: {USUAL_PORT}, for `stop` all."
+        ),
+    ] = None
     key: Annotated[
         Path | None, typer.Option("--key", envvar="IIWA_IDENT_KEY", help="Own secret key (NAME.key_secret).")
     ] = None
@@ -65,7 +70,7 @@ class Connection:
         from daemon.queue.control_socket import ask
         from daemon.runtime_folder import default_endpoint
 
-        endpoint = self.endpoint or default_endpoint(self.port)
+        endpoint = self.endpoint or default_endpoint(USUAL_PORT if self.port is None else self.port)
         reply = ask(endpoint, request, key_file=self.key, server_key_file=self.server_key)
         if not isinstance(reply, kind):
             raise _UnexpectedReplyError(f"The service at {endpoint} answered with {type(reply).__name__}.")
@@ -266,45 +271,6 @@ def show_jobs(listed: Sequence[api.JobView]) -> None:
         if not beside and index:
             data(f"  {listed[index - 1].sentence}")
             data(f"  {listed[index - 1].folder}")
-
-
-@app.command()
-@grouped
-def stop(service: Connection, json_file: JsonOption = None) -> None:
-    """Ramp the arm down now and hold every waiting run. May be said at any time and as often as you like.
-
-    Without a service, the run or investigation of this user on that UDP port is asked.
-    This is no emergency stop: where the arm does not come to rest, use the one on the robot.
-
-    Example: iiwa-ident stop
-    """
-    from daemon.queue.control_socket import ServiceUnreachableError
-
-    try:
-        reply = service.ask(api.StopMotion(), api.Stopped)
-    except ServiceUnreachableError:
-        if service.endpoint is not None:
-            raise
-        reply = _stop_without_service(service.port)
-    show(reply, json_file, reply.sentence)
-
-
-def _stop_without_service(port: int) -> api.Stopped:
-    """Ask the process of this user that holds a UDP port for the stop, as Ctrl-C in its terminal does.
-
-    Raises NothingToStopError.
-    """
-    from daemon.runtime_folder import port_holders
-
-    holders = port_holders()
-    if port not in holders:
-        raise NothingToStopError(port, sorted(holders))
-    os.kill(holders[port], signal.SIGINT)
-    sentence = (
-        f"Process {holders[port]}, which drives on UDP port {port}, was asked for the stop ramp; it ends with a "
-        "confirmed standstill or says that it is not confirmed."
-    )
-    return api.Stopped(was_moving=True, already=False, run=None, held=0, sentence=sentence)
 
 
 @app.command()

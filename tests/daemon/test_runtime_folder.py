@@ -61,6 +61,18 @@ def test_stop_reaches_a_run_that_no_service_keeps(capsys: pytest.CaptureFixture[
     assert run("stop", "--port", port) == 69
 
 
+def test_stop_without_a_port_reaches_whatever_this_user_drives(capsys: pytest.CaptureFixture[str]) -> None:
+    """An operator in a hurry says no port: it named the port of the run that went on. Truth: the signal of Ctrl-C."""
+    first, second, stop = free_udp_port(), free_udp_port(), StopHandle()
+    with stop.on_signals(), lock_port("127.0.0.1", first), lock_port("127.0.0.1", second):
+        assert run("stop") == 0
+        assert stop.signal_number == signal.SIGINT
+        said = capsys.readouterr().out
+        assert all(f"UDP port {port}: Process {os.getpid()}" in said for port in (first, second))
+    assert run("stop") == 69
+    assert "Nothing was stopped" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("left", ["", "1\n", "no number"])
 def test_who_left_a_lock_behind_is_not_stopped(private: Path, left: str) -> None:
     """Process 1 may be anybody by now."""
