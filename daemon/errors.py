@@ -190,18 +190,19 @@ class RobotUnreachableError(DaemonError):
 
 
 class NothingToStopError(DaemonError):
-    """Neither a service nor a run of this user is on the UDP port. Carries it, and the ports on which there is one."""
+    """No service and no run of this user is on the UDP port, or on any (None). Carries it, and the ports in use."""
 
     exit_code = 69
 
-    def __init__(self, port: int, others: list[int]) -> None:
+    def __init__(self, port: int | None, others: list[int]) -> None:
         self.port = port
         self.others = others
         on = ", ".join(map(str, others))
+        where = "any UDP port" if port is None else f"UDP port {port}"
         elsewhere = f" There is one on {on}: say --port." if others else ""
         super().__init__(
-            f"Nothing was stopped: no service and no run of this user is on UDP port {port}.{elsewhere} Where an arm "
-            "moves all the same, press Ctrl-C where it was started, or the emergency stop."
+            f"Nothing was stopped: no service and no run of this user is on {where}."
+            f"{elsewhere} Where an arm moves all the same, press Ctrl-C where it was started, or the emergency stop."
         )
 
 

@@ -51,10 +51,11 @@ def _all_stopped(service: Connection, ports: list[int]) -> api.Stopped:
     with ThreadPoolExecutor(len(ports)) as pool:
         outcomes = dict(zip(ports, pool.map(attempt, ports), strict=True))
     stops = {port: each for port, each in outcomes.items() if isinstance(each, api.Stopped)}
-    errors = [each for each in outcomes.values() if isinstance(each, DaemonError)]
-    failures = [each for each in errors if not isinstance(each, NothingToStopError)]
-    if failures or not stops:
-        raise (failures or errors)[0]
+    failures = [e for e in outcomes.values() if isinstance(e, DaemonError) and not isinstance(e, NothingToStopError)]
+    if failures:
+        raise failures[0]
+    if not stops:
+        raise NothingToStopError(None, [])
     replies = list(stops.values())
     if len(replies) == 1:
         return replies[0]
