@@ -15,7 +15,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
 from identification.recordings.cleaning import LARGEST_SHARE_OF_BAD_ROWS
-from identification.recordings.headers import columns_of, units_of
+from identification.recordings.headers import COLUMN, columns_of, units_of
 from identification.recordings.npz_reader import (
     OPTIONAL_FIELDS,
     UNIT_FIELDS,
@@ -139,6 +139,11 @@ def _columns(path: Path, header: list[str]) -> tuple[dict[tuple[str, str], int],
     for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
         for joint in range(1, joints + 1):
             if (quantity, str(joint)) not in columns:
+                own = [key for key in columns if key[0] == quantity]
+                if quantity not in ("q", "tau") and not any(COLUMN.match(header[columns[key]]) for key in own):
+                    # vel_1 to vel_3 of an arm of seven joints are something else.
+                    columns = {key: place for key, place in columns.items() if key not in own}
+                    break
                 name = f"{quantity}{joint - 1 + first}"
                 raise RecordingError.named(
                     path, f"column '{name}' is missing ({joints} joints by the columns of q)", field=name, joint=joint

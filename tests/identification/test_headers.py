@@ -55,6 +55,14 @@ def test_units_stand_in_the_header(
     assert all("q in deg" in sentence for sentence in said if angle != 1.0)
 
 
+def test_velocities_of_something_else_are_passed_over(tmp_path: Path) -> None:
+    """Three, of the tool."""
+    names = ["t", *(f"{name}{joint}" for name in ("q", "tau") for joint in range(1, JOINTS + 1))]
+    columns = [TIME, *Q.T, *TAU.T]
+    recording = read(tmp_path / "a.csv", [*names, "velocity_1", "velocity_2", "velocity_3"], [*columns, *DQ.T[:3]])
+    assert recording.velocity is None
+
+
 def test_columns_of_one_quantity_may_be_in_several_units(tmp_path: Path) -> None:
     factors = np.where(np.arange(JOINTS) < 3, DEGREE, 1.0)
     names = ["t", *(f"q{j + 1} [{'deg' if j < 3 else 'rad'}]" for j in range(JOINTS))]
