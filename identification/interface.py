@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from identification.audit.mount import require_stated_stand
+from identification.audit.mount import notes_on_another_set_up, require_stated_stand
 from identification.errors import DesignError, RecordingError
 from identification.excitation.design import DesignResult
 from identification.excitation.design import design_excitation as search_excitation
@@ -83,7 +83,7 @@ class Fit(Printed):
     @property
     def rms(self) -> Validation:
         """RMS per joint on the rows that were fitted and on those that were held out."""
-        return Validation(self.result.rms)
+        return Validation(self.result.rms, (), notes_on_models_contradicted(self.result.rms))
 
     def save(self, path: str | Path) -> Path:
         """Write it as model.json, which every command reads. Raises OSError."""
@@ -95,10 +95,12 @@ class Validation(Printed):
     """RMS of measured minus modelled torque, as Table 4 of the paper. result: the numbers.
 
     fitted_to: names of those recordings that the model was fitted to, as far as it is known: they are no check of it.
+    notes: warnings of recordings that contradict the model.
     """
 
     result: RmsTable
     fitted_to: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def table(self) -> Table:
@@ -106,7 +108,7 @@ class Validation(Printed):
         lines = self.result.rows
         joints = len(lines[0].rms_nm) if lines else 0
         rows = tuple((line.label, *(f"{x:.4f}" for x in line.rms_nm), f"{line.total_nm:.4f}") for line in lines)
-        said = (*map(no_check, self.fitted_to), *notes_on_models_contradicted(self.result))
+        said = (*map(no_check, self.fitted_to), *self.notes)
         return Table(("RMS", *(f"joint {joint}" for joint in range(1, joints + 1)), "sum"), rows, said)
 
 
@@ -220,9 +222,12 @@ def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation
         model = read_model(model)
     if isinstance(model, Fit):
         read = _read(recordings, None, model.result.robot).recordings
-        return Validation(validate_model(model.result, read), seen_among(model.result.recordings, read))
-    read = _read(recordings, None, model.load_robot()).recordings
-    return Validation(validate_with_effects(model, read), model.fitted_among(read))
+        result, same = validate_model(model.result, read), seen_among(model.result.recordings, read)
+        return Validation(result, same, notes_on_another_set_up(result, read, model.result.robot))
+    robot = model.load_robot()
+    read = _read(recordings, None, robot).recordings
+    result = validate_with_effects(model, read)
+    return Validation(result, model.fitted_among(read), notes_on_another_set_up(result, read, robot))
 
 
 @_on_one_thread

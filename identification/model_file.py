@@ -18,8 +18,9 @@ from identification.arrays import FloatArray
 from identification.base_parameters import WIDTH, BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, ModelFileError, ModelFileNotFoundError, reason_of
 from identification.physical_parameters import PhysicalParameters
-from identification.recordings.independence import holds_samples, recording_names
+from identification.recordings.independence import holds_rows, holds_samples, recording_names
 from identification.recordings.recording import Recording
+from identification.recordings.rounded import Rows
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 from identification.robots.same_arm import difference_of_frames
 from identification.whole_file import written_whole
@@ -80,16 +81,18 @@ class Model:
     def fitted_among(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """Names of those recordings that it was fitted to, as far as the file says: they are no check of it.
 
-        Told by the digest of the file and by samples: a copy, an import or a cut has the same ones.
+        Told by the digest of the file and by samples: a copy, an import or a cut has the same ones, or rounded ones.
         """
         inputs = self.data.get("provenance", {}).get("inputs", [])
         fitted = {str(item.get("sha256")) for item in inputs}
-        prints = [item["samples_kept"] for item in inputs if item.get("samples_kept")]
+        prints, rows = ([item[key] for item in inputs if item.get(key)] for key in ("samples_kept", "rows_kept"))
         named = zip(recordings, recording_names(recordings), strict=True)
         return tuple(
             name
             for recording, name in named
-            if recording.source.sha256 in fitted or any(holds_samples(recording, kept) for kept in prints)
+            if recording.source.sha256 in fitted
+            or any(holds_samples(recording, kept) for kept in prints)
+            or any(holds_rows(recording, kept) for kept in rows)
         )
 
     @property
@@ -247,7 +250,9 @@ def read_model(path: str | Path) -> Model:
         if speed.ndim != 1 or np.any(speed < 0.0):
             raise ValueError("no list of speeds")
         where = "provenance.inputs"
-        _ = [int(item.get("samples_kept") or "0", 16) for item in _part(provenance, "inputs", list)]
+        inputs = _part(provenance, "inputs", list)
+        _ = [int(item.get("samples_kept") or "0", 16) for item in inputs]
+        _ = [Rows.from_text(item["rows_kept"]) for item in inputs if item.get("rows_kept")]
         where = "provenance.robot.joints"
         _check_frames(_part(_part(provenance, "robot", dict), "joints", list))
         where = "provenance.regressor"

@@ -191,7 +191,7 @@ def validate(
 
     Example: iiwa-ident validate model.json runs/other/recording.mcap
     """
-    from identification.fitting.misfit import notes_on_models_contradicted
+    from identification.audit.mount import notes_on_another_set_up
     from identification.mismatch.prediction import validate_with_effects
     from identification.model_file import no_check, read_model
 
@@ -204,7 +204,7 @@ def validate(
     rows = [{**row, "same_recording": row["label"].startswith(own)} for row in table.to_json()]
     in_words = told_in_words(rows, json_file)
     say = data if in_words else message
-    for sentence in (*map(no_check, same), *notes_on_models_contradicted(table)):
+    for sentence in (*map(no_check, same), *notes_on_another_set_up(table, recordings, arm)):
         say(sentence)
     if in_words:
         show_rms(table, "RMS of measured minus modelled torque per joint", unit=arm.torque_unit)

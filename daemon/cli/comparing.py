@@ -202,6 +202,12 @@ def _robot_of(models: Sequence[Path]) -> RobotModel | None:
     return None
 
 
+OTHER_ROWS = (
+    "An RMS in the sentences below is of a quarter of the rows, in which nothing was looked for, beside what the model "
+    "leaves open (its σ; of a file friction and offsets): the table's, of all rows, is larger."
+)
+
+
 def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) -> None:
     """The table of RMS, best first, then what is wrong in each model."""
     from daemon.cli.rms_view import show_rms
@@ -211,6 +217,8 @@ def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) ->
     lines = tuple(item.rms for item in standings if item.rms is not None)
     if lines:
         show_rms(RmsTable(lines), f"RMS of measured minus predicted torque per joint, {fitted}", unit=unit)
+        if any(" RMS" in sentence for item in standings for sentence in item.sentences):
+            data(OTHER_ROWS)
     for item in standings:
         data(f"{item.name}:")
         data_lines(f"  {sentence}" for sentence in item.sentences)

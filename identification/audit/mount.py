@@ -19,6 +19,9 @@ from identification.audit.misread import of_order, order_by_itself
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, Rows, rows_of
 from identification.audit.turned import misplaced_joints
 from identification.errors import RecordingError
+from identification.fitting.misfit import notes_on_models_contradicted
+from identification.fitting.rms import RmsTable
+from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
@@ -194,6 +197,12 @@ def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> str:
     except RecordingError:
         return ""
     return "" if found is None or (stand is not None and stand.is_other) else found.sentence
+
+
+def notes_on_another_set_up(rms: RmsTable, recordings: Sequence[Recording], robot: RobotModel) -> tuple[str, ...]:
+    """`notes_on_models_contradicted` with what a fit of those recordings would say of joints that stand elsewhere."""
+    called = dict(zip(recording_names(recordings), recordings, strict=True))
+    return notes_on_models_contradicted(rms, lambda name: misplaced([called[name]], robot))
 
 
 def order_of_torques(rows: Rows, robot: RobotModel, stand: Mounting | None) -> IntArray | None:

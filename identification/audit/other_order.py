@@ -37,16 +37,16 @@ class OtherOrder:
     @property
     def sentence(self) -> str:
         """What an operator reads."""
-        return (
-            f"{self.against}, in which the recording goes far better with one rigid body: "
-            f"--joints {','.join(map(str, self.columns))} where they have no names."
-        )
+        return f"{self.against}: the recording then goes far better with one rigid body."
 
     @property
     def against(self) -> str:
         """The same against a model, as the beginning of a sentence."""
         places = ", ".join(f"joint {joint} under joint {self.columns[joint - 1]}" for joint in self.joints)
-        return f"Positions and torques stand in another order than the robot's joints: {places}. Put them in its order"
+        return (
+            f"Positions and torques stand in another order than the robot's joints: {places}. "
+            f"Put them in its order, --joints {','.join(map(str, self.columns))} where they have no names"
+        )
 
 
 def other_order(

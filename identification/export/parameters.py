@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.base_parameters import BaseRegressor, Widths, direction_of
 from identification.errors import InconsistentParametersError, ModelFileError, SolverError
 from identification.estimators.prior import BodyPrior, SettledParameters, settle_open_directions
@@ -35,17 +35,23 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origins:
-    """What the parameters of `settled` rest on, by name; base_names: of its base parameters."""
+    """What the parameters of `settled` rest on, by name; base_names: of its base parameters. alone: (full,) whether
+    base parameters tell it without any other: of the rest no motion tells more than a sum that the prior splits.
+    """
 
     names: tuple[str, ...]
     settled: SettledParameters
+    alone: BoolArray
     base_names: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The prior, and the share of the data of every parameter: 1 the data determine it, 0 the prior does."""
+        """The prior, the share of the data of every parameter (1: they determine it, 0: the prior does), and those that
+        some motion can tell alone.
+        """
         return {
             "prior": self.settled.prior,
             "from_data": dict(zip(self.names, self.settled.from_data.tolist(), strict=True)),
+            "told_alone": [name for name, alone in zip(self.names, self.alone, strict=True) if alone],
             "misfit_sigma": self.settled.misfit,
         }
 
@@ -53,9 +59,10 @@ class Origins:
         """One for all, and one for each link: its parameters about the origin of its frame, as eq. (3) names them."""
         links = self.settled.physical.n
         shares = self.settled.from_data.reshape(links, -1)
+        told = (shares >= _DETERMINED) & self.alone.reshape(links, -1)
         symbols = [name.partition("_")[0] for name in self.names[: shares.shape[1]]]
         lines = [
-            f"Of {shares.size} parameters the data determine {int((shares >= _DETERMINED).sum())}, the prior "
+            f"Of {shares.size} parameters the data determine {int(told.sum())}, the prior "
             f"({self.settled.prior}) {int((shares <= _OPEN).sum())}, and both together the others, with the data's "
             "share in brackets."
         ]
@@ -64,13 +71,13 @@ class Origins:
                 f"No real body has the base parameters within their σ: they were moved by {self.settled.misfit:.1f} "
                 f"times σ (RMS){self._most_moved()}. Physics that the model lacks does that: see diagnose."
             )
-        for link, row in enumerate(shares, start=1):
-            by_data = [symbol for symbol, share in zip(symbols, row, strict=True) if share >= _DETERMINED]
+        for link, (row, whole) in enumerate(zip(shares, told, strict=True), start=1):
+            by_data = [symbol for symbol, is_told in zip(symbols, whole, strict=True) if is_told]
             by_prior = [symbol for symbol, share in zip(symbols, row, strict=True) if share <= _OPEN]
             by_both = [
                 f"{symbol} ({100 * share:.0f} %)"
-                for symbol, share in zip(symbols, row, strict=True)
-                if _OPEN < share < _DETERMINED
+                for symbol, share, is_told in zip(symbols, row, whole, strict=True)
+                if share > _OPEN and not is_told
             ]
             parts = (("data", by_data), ("both", by_both), ("prior", by_prior))
             lines.append(f"Link {link}: " + "; ".join(f"{who}: {', '.join(what)}" for who, what in parts if what) + ".")
@@ -127,7 +134,9 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         regressor = BaseRegressor(model.load_robot(), model.options)
         settled = _settled(model, regressor, prior)
         rotor, offset = (regressor.extra_of(settled.full, symbol) for symbol in ("IA", "OFF"))
-        origins = Origins(regressor.full_names, settled, regressor.names)
+        mixed = np.eye(len(settled.full)) - np.linalg.pinv(regressor.regrouping) @ regressor.regrouping
+        alone = np.diag(mixed) < _ROUNDING
+        origins = Origins(regressor.full_names, settled, alone, regressor.names)
         return ModelParameters(settled.physical, rotor, offset, origins)
     if model.physical is None:
         raise ModelFileError(

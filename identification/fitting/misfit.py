@@ -6,7 +6,7 @@ The diagnosis finds out what it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ NOISE_ALONE = 1.5
 """Times the noise up to which a joint has no torque that a model could describe."""
 CONTRADICTED = 120.0
 """% of a joint's RMS torque: a model that leaves more adds torque that is not there; without any, 100 are left."""
+ANOTHER_SET_UP = "stand, load, signs or units are others. `iiwa-ident diagnose --model` says which"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +108,11 @@ def notes_on_joints_missed(rms: RmsTable) -> tuple[str, ...]:
     )
 
 
-def notes_on_models_contradicted(rms: RmsTable) -> tuple[str, ...]:
-    """A warning for each recording of which a model leaves a joint more than the torque itself: another set-up."""
+def notes_on_models_contradicted(rms: RmsTable, misplaced: Callable[[str], str] = lambda _: "") -> tuple[str, ...]:
+    """A warning for each recording of which a model leaves a joint more than the torque itself: another set-up.
+
+    misplaced: of the name of such a recording, what is to be said of joints that stand elsewhere; else empty.
+    """
     notes: dict[str, str] = {}
     for row in rms.rows:
         name = row.label.rpartition(", ")[0]
@@ -118,7 +122,6 @@ def notes_on_models_contradicted(rms: RmsTable) -> tuple[str, ...]:
             shares = ", ".join(f"{row.percent[joint]:.0f}" for joint in wrong)
             notes[name] = (
                 f"WARNING, {name}: the model leaves {shares} % of the RMS torque of joint{'s' * (wrong.size > 1)} "
-                f"{joints}, more than no model would: stand, load, signs or units are others. `iiwa-ident diagnose "
-                "--model` says which"
+                f"{joints}, more than no model would: {misplaced(name).rstrip('.') or ANOTHER_SET_UP}"
             )
     return tuple(notes.values())

@@ -17,7 +17,7 @@ from identification.base_parameters import WIDTH, BaseRegressor
 from identification.fitting.processing import Processed
 from identification.fitting.settings import FitSettings
 from identification.model_file import SPEED
-from identification.recordings.independence import prints_to_keep
+from identification.recordings.independence import prints_to_keep, rows_to_keep
 from identification.robots import BUILT_IN_ROBOTS, RobotModel
 from identification.robots.installation import FILE_BASE, PAPER_BASE
 from identification.robots.same_arm import frames_of
@@ -43,6 +43,7 @@ def provenance(
                 "kind": item.recording.source.kind,
                 "samples": item.recording.samples,
                 "samples_kept": prints_to_keep(item.recording),
+                "rows_kept": rows_to_keep(item.recording),
                 "pipeline": item.pipeline,
                 "import_report": item.recording.report.to_json(),
                 "stretches": [

@@ -14,7 +14,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
-from identification.recordings.held import held_rows, rows_of_a_slower_source
+from identification.recordings.held import held_rows, rows_of_a_slower_source, rows_used_again
 from identification.recordings.labels import labels_of_a_stated_period, labels_of_the_run
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.repetition import unstated_period
@@ -119,6 +119,10 @@ def _usable(table: RawTable, number: IntArray, findings: list[Finding]) -> tuple
     _refuse_too_many(table, keep, "hold values that are not finite, or beyond any number measured")
 
     keep[keep] = _advancing_time(table, table.time[keep], number[keep], findings)
+    again = rows_used_again(_kept(table.position, keep), _kept(table.torque, keep))
+    what = "stands in the file a second time, after a leap back, with the q and tau of before; it was left out"
+    _note_runs(findings, "repeated_rows", number[keep][again], what)
+    keep[keep] = ~again
     spikes = _spikes(_kept(table.position, keep)) | _spikes(_kept(table.torque, keep))
     _note_runs(
         findings,

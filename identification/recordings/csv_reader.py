@@ -1,4 +1,7 @@
-"""Reads .csv recordings: a header t,q1..qn,tau1..taun[,dq1..][,q_cmd1..][,tau_ext1..], then one row per sample."""
+"""Reads .csv recordings: a header t,q1..qn,tau1..taun[,dq1..][,q_cmd1..][,tau_ext1..], then one row per sample.
+
+What else a header may be, with units in it, says `headers`.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
 from identification.recordings.cleaning import LARGEST_SHARE_OF_BAD_ROWS
+from identification.recordings.headers import COLUMN, columns_of, units_of
 from identification.recordings.npz_reader import (
     OPTIONAL_FIELDS,
     UNIT_FIELDS,
@@ -20,8 +24,7 @@ from identification.recordings.npz_reader import (
 )
 from identification.recordings.recording import Finding
 from identification.recordings.table import RawTable
-
-COLUMN = re.compile(r"^(q_link|q_cmd|tau_ext|temperature|tau|dq|q)_?(\d+)$")
+from identification.recordings.units import UNITS
 
 SETTING = re.compile(r"^#\s*(\w+)\s*[=:](.*)$")
 
@@ -49,9 +52,20 @@ def read_csv(path: Path) -> list[RawTable]:
     if "," not in lines[start]:
         lines[start:] = [line.replace(",", ".").replace(separator, ",") for line in lines[start:]]
     header = [name.strip().strip('"') for name in next(csv.reader([lines[start]]))]
-    columns = _columns(path, header)
+    columns, units, factors = _columns(path, header)
+    for name, quantity in UNIT_FIELDS.items():
+        if quantity in units and settings.setdefault(name, units[quantity]) != units[quantity]:
+            what = f"says {name}={settings[name]}, and in its header {units[quantity]}"
+            raise RecordingError.named(path, what, field=name)
     findings: list[Finding] = []
     values = _values(path, lines, start + 1, header, set(columns.values()), findings)
+    for place, factor in factors.items():
+        values[:, place] *= factor
+    said = [f"{quantity} in {unit}" for quantity, unit in units.items() if UNITS[quantity][unit] != 1.0]
+    said += [f"column '{header[place]}' in another unit" for place in factors if factors[place] != 1]
+    if said:
+        sentence = f"as its header says, it is read with {', '.join(said)}"
+        findings.append(Finding.of_all("units_of_header", len(values), sentence))
     joints = max(int(number) for name, number in columns if name == "q")
     arrays = {
         name: np.column_stack([values[:, columns[(name, str(joint))]] for joint in range(1, joints + 1)])
@@ -96,20 +110,26 @@ def _period(path: Path, settings: dict[str, str]) -> float | None:
         raise RecordingError.named(path, f"period_s={text} is no number", field="period_s") from None
 
 
-def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
+def _columns(path: Path, header: list[str]) -> tuple[dict[tuple[str, str], int], dict[str, str], dict[int, float]]:
     """Index of each known column as {(quantity, joint number from 1): index}; complains about what is missing.
 
-    Where there is a column q0, the header counts from 0.
+    Where there is a column q0, the header counts from 0. Also what `units_of` says of them.
     """
     columns: dict[tuple[str, str], int] = {}
-    found = [COLUMN.match(name) for name in header]
-    first = 0 if any(match and (match.group(1), int(match.group(2))) == ("q", 0) for match in found) else 1
-    for index, (name, match) in enumerate(zip(header, found, strict=True)):
-        if match is None and name not in ("t", "time"):
-            continue
-        key = ("t", "") if match is None else (match.group(1), str(int(match.group(2)) - first + 1))
+    try:
+        found = columns_of(header)
+        units, factors = units_of(found)
+    except ValueError as error:
+        raise RecordingError.named(path, f"{error}", field="header") from error
+    first = 0 if any((each.quantity, each.number) == ("q", 0) for each in found.values()) else 1
+    for index, each in found.items():
+        key = (each.quantity, "" if each.number is None else str(each.number - first + 1))
         if key in columns:
-            raise RecordingError.named(path, f"column '{name}' stands twice in the header", field=name)
+            name = header[index]
+            what = f"column '{name}' stands twice in the header"
+            if header[columns[key]] != name:
+                what = f"columns '{header[columns[key]]}' and '{name}' are both {''.join(key)}; leave one out"
+            raise RecordingError.named(path, what, field=name)
         columns[key] = index
     joints = max((int(number) for name, number in columns if name == "q"), default=0)
     for key, missing in ((("t", ""), "column 't' is"), (("q", "1"), "columns q1, q2, … are")):
@@ -119,11 +139,16 @@ def _columns(path: Path, header: list[str]) -> dict[tuple[str, str], int]:
     for quantity in dict.fromkeys(["q", "tau", *(name for name, _ in columns if name != "t")]):
         for joint in range(1, joints + 1):
             if (quantity, str(joint)) not in columns:
+                own = [key for key in columns if key[0] == quantity]
+                if quantity not in ("q", "tau") and not any(COLUMN.match(header[columns[key]]) for key in own):
+                    # vel_1 to vel_3 of an arm of seven joints are something else.
+                    columns = {key: place for key, place in columns.items() if key not in own}
+                    break
                 name = f"{quantity}{joint - 1 + first}"
                 raise RecordingError.named(
                     path, f"column '{name}' is missing ({joints} joints by the columns of q)", field=name, joint=joint
                 )
-    return columns
+    return columns, units, factors
 
 
 def _values(

@@ -1,4 +1,5 @@
-"""Rows that bring nothing new: single held samples, and a source slower than the file it was written to.
+"""Rows that bring nothing new: single held samples, a source slower than the file it was written to, and stretches
+that stand in the file twice.
 
 Loggers that run faster than a driver write its last values again and again. As positions such rows are a staircase,
 whose derivative is no motion; rows with new values are honest. Which rows they are is decided here; `cleaning` asks.
@@ -6,6 +7,7 @@ whose derivative is no motion; rows with new values are honest. Which rows they 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,32 @@ _REGULAR = 0.9
 OF_A_QUANTUM = 2.0
 """Times the tenth percentile of a channel's changes that their median is at most where a coarse sensor turns over by
 one step now and then; a source that comes late brings changes as different as the motion makes them."""
+
+FEWEST_AGAIN = 10
+"""Moving rows that stand in a file twice, one after the other, at least."""
+A_LEAP = 2.0
+"""Times the largest step of as many rows before and after: a simulated motion that repeats goes on without one."""
+
+
+def rows_used_again(position: FloatArray, torque: FloatArray) -> BoolArray:
+    """Rows of a stretch in which each equals one that stands as many rows before, and that begins with a leap.
+
+    Noise comes about once, so no measurement repeats a stretch. position, torque: (R, n).
+    """
+    bits = np.ascontiguousarray(np.concatenate([position, torque], axis=1) + 0.0).view(np.uint64)  # + 0.0: no -0.0
+    code = (bits * (np.random.PCG64(0).random_raw(bits.shape[1]) | np.uint64(1))).sum(axis=1)
+    order = np.argsort(code, kind="stable")
+    equal = code[order][1:] == code[order][:-1]
+    behind = np.zeros(code.size, dtype=np.int64)
+    behind[order[1:][equal]] = (order[1:] - order[:-1])[equal]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(behind)) + 1, [code.size]])
+    steps, news = np.abs(np.diff(position, axis=0)), _news(position)
+    again = np.zeros(code.size, dtype=np.bool_)
+    for first, end in pairwise(edges):
+        if behind[first] and first and news[first:end].sum() >= FEWEST_AGAIN:
+            around = np.concatenate([steps[max(first - (end - first), 0) : first - 1], steps[first : end - 1]])
+            again[first:end] = (steps[first - 1] > A_LEAP * around.max(axis=0)).any()
+    return again
 
 
 def rows_of_a_slower_source(position: FloatArray, torque: FloatArray) -> tuple[BoolArray, str, int]:

@@ -13,6 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
+from identification.recordings.rounded import Rows, moving_rows, rows_that_agree
 from identification.recordings.same_noise import correlation_of_noise
 from identification.remembered import once_per_object
 
@@ -78,7 +79,7 @@ def refuse_shared_samples(fitted: Sequence[Recording], heldout: Sequence[Recordi
     A copy, an import and a cut of a recording have its samples under other names and other time stamps, so samples are
     compared: q and tau of every row in which the robot moves. A recording of the same moments by another program, at
     another rate or through another filter, is told by its clock and its positions; a copy so made of a periodic motion
-    by its noise.
+    by its noise; one with fewer decimals by its rows, which agree to within the last of them.
     """
     names = recording_names([*fitted, *heldout])
     prints = _all_fingerprints([*fitted, *heldout])
@@ -117,6 +118,16 @@ def prints_to_keep(recording: Recording) -> str:
     return "".join(f"{int(number):016x}"[-PRINT_DIGITS:] for number in kept)
 
 
+def rows_to_keep(recording: Recording) -> str:
+    """Some moving rows as one text, by which `holds_rows` knows a copy with fewer decimals."""
+    return moving_rows(recording).to_text()
+
+
+def holds_rows(recording: Recording, kept: str) -> bool:
+    """Whether a recording has, to within the last decimals, the rows that `rows_to_keep` gave of another."""
+    return rows_that_agree(Rows.from_text(kept), recording) > 0
+
+
 def holds_samples(recording: Recording, kept: str) -> bool:
     """Whether a recording is, whole or in part, the one that `prints_to_keep` was asked about."""
     places = range(0, len(kept), PRINT_DIGITS)
@@ -138,10 +149,13 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
     if together:
         return f"shows the same motion at the same time as {name}, for {together:.3g} s"
     # Runs that were told apart when they were recorded are not asked: simulated ones may share the seed of their noise.
-    alike = 0.0 if None not in _runs(own, other) else correlation_of_noise(own, other)
+    if None not in _runs(own, other):
+        return ""
+    alike = correlation_of_noise(own, other)
     if alike:
         return f"has the noise of {name} (correlation {alike:.2g}): a copy, resampled or filtered"
-    return ""
+    rows = rows_that_agree(moving_rows(own), other)
+    return f"agrees with {name} in {rows} rows running, to within the last decimals: a rounded copy" if rows else ""
 
 
 def _count_among(known: Prints, prints: Prints) -> int:

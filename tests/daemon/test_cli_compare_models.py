@@ -91,6 +91,7 @@ def test_nothing_is_fitted_unless_declared(folder: Path, capsys: pytest.CaptureF
     assert float(row.split()[2]) == pytest.approx(OFFSET_NM, rel=0.05)
     # What is asked about the set-up is another question, with less left, and says so.
     assert "(all joints together, friction and offsets fitted)" in text
+    assert "An RMS in the sentences below is of a quarter of the rows" in text
 
 
 def test_a_model_of_another_arm_has_no_line_and_says_why(

@@ -243,9 +243,12 @@ def test_joints_in_another_order_are_told_by_a_fit_and_beside_a_model(
     assert run("fit", tmp_path / "log.npz", "--no-physical", "--out", model) == 0
     assert "--joints 3,4,1,2,5,6,7" in capsys.readouterr().out
     assert run("fit", tmp_path / "sound.npz", "--no-physical", "--out", model) == 0
+    assert run("validate", model, tmp_path / "log.npz") == 0
+    assert "--joints 3,4,1,2,5,6,7" in capsys.readouterr().out
     assert run("diagnose", tmp_path / "log.npz", "--model", model, "--out", folder) == 0
     (first, *_) = json.loads((folder / "diagnosis.json").read_text())["differences"]
     assert first["sentence"].startswith("Positions and torques stand in another order than the robot's joints")
+    assert "--joints 3,4,1,2,5,6,7" in first["sentence"]
 
 
 def test_a_torque_without_weight_is_refused_by_a_fit_and_said_where_a_model_is_validated(

@@ -97,7 +97,8 @@ def test_an_offset_is_as_large_as_the_friction_of_its_joint(iiwa14: RobotModel, 
     settled = settle_open_directions(values, np.diag(std**2), base)
     moved = settled.moved[[base.position_of(f"OFF_{joint}") for joint in range(1, 8)]]
     assert np.abs(moved).max() < 0.5
-    sentence = " ".join(Origins(base.full_names, replace(settled, misfit=2.0), base.names).sentences())
+    alone = np.zeros(len(base.full_names), dtype=np.bool_)
+    sentence = " ".join(Origins(base.full_names, replace(settled, misfit=2.0), alone, base.names).sentences())
     assert f"most of all {base.names[int(np.argmax(np.abs(settled.moved)))]} by" in sentence
 
 

@@ -352,7 +352,7 @@ def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
     assert _refused(path, "'tau2'").joint == 2
     path.write_text("t,q0,q1,tau1,tau2\n0,1,2,3,4\n")
     _refused(path, "'tau0'")  # as the header counts: tau1 is there
-    path.write_text("time_ms,q1,tau1\n0,1,2\n")
+    path.write_text("clock,q1,tau1\n0,1,2\n")
     _refused(path, "'t'")
     path.write_text("t,q1,tau1\n")
     _refused(path, "no rows")
