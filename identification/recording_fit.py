@@ -94,7 +94,7 @@ def fit_recordings(
         _refuse_wrong_sign(sign, processed)
 
     misfit = misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values)
-    misread = _Misread.of(processed, robot, sign, misfit)
+    misread = _Misread.of(processed, model.regressor, sign, misfit)
     with misread.blamed_for_no_solution(recordings[0]):
         real = _real_bodies(blocks, robot, regressor, least_squares, settings, report)
     report("validation", 0.95)
@@ -143,18 +143,19 @@ def _nominal(
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
     they may be. misplaced: which torques or positions are not those of their joint, or count the other way, in words.
-    stand: why the base hardly stands as stated, empty where it may. changed: what changes within one of them, in words.
+    stand: why the base hardly stands as stated, empty where it may. others: what changes within one of them, and whose
+    clock is wrong, in words.
     """
 
     wrong_unit: str
     misplaced: str
     stand: str
-    changed: tuple[str, ...]
+    others: tuple[str, ...]
 
     @classmethod
-    def of(cls, processed: Sequence[Processed], robot: RobotModel, sign: TorqueSign, misfit: Misfit) -> _Misread:
+    def of(cls, processed: Sequence[Processed], regressor: BaseRegressor, sign: TorqueSign, misfit: Misfit) -> _Misread:
         """Of what is fitted; where nothing but noise is left, no joint is misplaced and none changes."""
-        recordings = [item.recording for item in processed]
+        recordings, robot = [item.recording for item in processed], regressor.robot
         unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
@@ -164,18 +165,22 @@ class _Misread:
         # Slow to load, and most fits leave nothing but noise.
         from identification.audit.mount import misplaced, stand_in_doubt
         from identification.audit.partly import notes_on_changes
+        from identification.mismatch.data_faults.faults import find_data_faults
 
         where = misplaced(recordings, robot)
         if where:  # joints that are out of place look like much else
             return cls(wrong_unit, where, "", ())
-        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), tuple(notes_on_changes(recordings, robot)))
+        faults = [each for own in find_data_faults(recordings, regressor) for each in own]
+        clocks = [each.sentence.rstrip(".") for each in faults if each.fault == "wrong_time_base"]
+        others = (*notes_on_changes(recordings, robot), *clocks)
+        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), others)
 
     @property
     def notes(self) -> list[str]:
         """A warning for each."""
         unit = [f"{self.wrong_unit} Every parameter scales with them"] if self.wrong_unit else []
         others = (each.rstrip(".") for each in (self.misplaced, self.stand) if each)
-        return [f"WARNING, {each}" for each in (*unit, *others, *self.changed)]
+        return [f"WARNING, {each}" for each in (*unit, *others, *self.others)]
 
     @contextmanager
     def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
+from identification.recordings.held import is_coarse
 from identification.recordings.recording import Finding, Recording
 from identification.robots.model import RobotModel
 
@@ -33,6 +34,12 @@ OVER_SPEED = 3.0
 OVER_NEIGHBOURS = 10.0
 """Times the steps around it, and the joint's ordinary step, that a leap is: noise and a coarse encoder are less."""
 NEIGHBOURS = 3
+HIDES = 1.5
+"""Sampling periods: a longer step of the stamps hides no row."""
+FEWEST_TWICE = 10
+"""Rows that all joints reach by twice the step beside them, at least: recordings that lost none have not one."""
+NEAR_TWICE = 0.2
+"""Of the step beside, by which it may differ from twice that, all joints together."""
 FASTEST_RAD_S = 100.0
 """Of a joint whose description has no limit."""
 
@@ -72,6 +79,29 @@ def with_whole_turns(recording: Recording, robot: RobotModel) -> Recording:
             findings.append(Finding("whole_turns", *rows, int(leaps.size), sentence, int(column) + 1))
     report = replace(recording.report, findings=tuple(sorted(findings, key=lambda finding: finding.first_row)))
     return replace(recording, report=report, **arrays)
+
+
+def rows_behind_hidden_gaps(time: FloatArray, position: FloatArray) -> IntArray:
+    """Rows (from 0) that all joints together reach by twice the step of their neighbours, while the stamps are even.
+
+    A row is missing before each. None where as many steps are one and a half: such are noise, and so is the rest. The
+    slower half of the steps is not asked, nor a coarse encoder. time: (N,) s; position: (N, n) rad (m).
+    """
+    steps, elapsed = np.diff(position, axis=0), np.diff(time)
+    size = np.sqrt((steps**2).mean(axis=0))
+    if not size.any() or is_coarse(position[:, size > 0.0]):
+        return np.zeros(0, dtype=np.int64)
+    steps = steps[:, size > 0.0] / size[size > 0.0]
+    beside = np.median([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]], axis=0)
+    speed = np.sqrt((beside**2).sum(axis=1))
+    asked = (speed > np.median(speed)) & (elapsed[2:-2] < HIDES * np.median(elapsed))
+
+    def near(times: float) -> IntArray:
+        off = np.sqrt(((steps[2:-2] - times * beside) ** 2).sum(axis=1))
+        return np.flatnonzero(asked & (off < NEAR_TWICE * speed)) + 3
+
+    twice = near(2.0)
+    return twice if twice.size >= FEWEST_TWICE and twice.size > near(1.5).size else twice[:0]
 
 
 def _turns(angle: FloatArray, elapsed: FloatArray, period_s: float, fastest: float) -> tuple[FloatArray, IntArray]:

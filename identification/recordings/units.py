@@ -315,5 +315,8 @@ def wrong_torque_unit(torque: float, robot: RobotModel, *, gravity_acts: bool) -
         return ""
     said = f"The torques reach {torque:.3g} Nm, which would hold {torque / (9.81 * length):.2g} kg at {length:.2g} m"
     if gravity_acts and torque < LIGHTEST * 9.81 * length**4:
-        return f"{said}: too little behind the gears of an arm of that size. Are they in kNm?"
+        return (
+            f"{said}: too little behind the gears of an arm of that size. So are torques before them and currents: "
+            "multiply each joint's by its gear ratio and torque constant. Are they in kNm?"
+        )
     return f"{said}: too much for an arm of that size. Are they in mNm?" * (torque > HEAVIEST * 9.81 * length**4)

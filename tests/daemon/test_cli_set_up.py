@@ -155,6 +155,7 @@ def test_torques_that_are_a_thousand_times_too_small_fail_their_check(
     assert code == 1
     assert checks["units"]["status"] == "failed"
     assert "Are they in kNm?" in checks["units"]["sentence"]
+    assert "multiply each joint's by its gear ratio and torque constant" in checks["units"]["sentence"]
 
 
 @pytest.mark.parametrize(

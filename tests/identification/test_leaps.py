@@ -13,8 +13,11 @@ import pytest
 from identification.errors import RecordingError
 from identification.recording_fit import fit_recordings
 from identification.recordings import read_recording
+from identification.recordings.leaps import rows_behind_hidden_gaps
 from identification.recordings.writer import write_recording
 from identification.robots import load_robot
+from tests.identification.synthetic import fourier_motion
+from tests.reference import ARM_OF, recording_file
 
 ARM = """<robot name="arm"><link name="base"/><link name="one"/><link name="two"/>
 <joint name="shoulder" type="continuous"><parent link="base"/><child link="one"/><origin rpy="1.5707963267948966 0 0"/>
@@ -154,3 +157,29 @@ def test_what_a_sensor_does_is_no_leap(folder: Path) -> None:
     np.savez(folder / "late.npz", t=late, q=q, tau=tau, robot="arm.urdf")
     for name in ("gap", "coarse", "held", "late"):
         read_recording(folder / f"{name}.npz")
+
+
+@pytest.mark.parametrize("joints", [1, 3, 7])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.25])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3, 3e-3])
+def test_rows_that_even_stamps_hide_are_found_where_noise_leaves_steps_to_be_seen(
+    joints: int, share: float, noise: float
+) -> None:
+    """Truth: which rows were taken out. A tenth of the rows lost made inertias 65 % wrong, in silence."""
+    random = np.random.default_rng(1)
+    position = fourier_motion(joints, period_s=20.0, samples=5000, seed=2)[0]
+    position = position + noise * random.normal(size=position.shape)
+    kept = np.flatnonzero(random.random(len(position)) >= share)
+    rows = rows_behind_hidden_gaps(0.004 * np.arange(len(kept)), position[kept])
+    assert not rows_behind_hidden_gaps(0.004 * kept, position[kept]).size
+    if share == 0.0:
+        assert not rows.size
+    elif noise <= 1e-4:
+        assert rows.size >= 10
+        assert np.mean(np.diff(kept, prepend=-1)[rows] == 2) > 0.8
+
+
+@pytest.mark.parametrize("name", ARM_OF)
+def test_no_row_of_a_real_recording_is_hidden(name: str) -> None:
+    findings = read_recording(recording_file(f"{name}.npz")).report
+    assert not findings.of_kind("hidden_gaps")

@@ -9,10 +9,11 @@ import pytest
 
 from identification.errors import EstimationError, RecordingError, UndeterminedParametersError
 from identification.estimators import violations
+from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, Split, fit_recordings
 from identification.recordings import Recording
 from identification.recordings.joint_choice import for_robot
-from identification.robots import load_robot
+from identification.robots import RobotModel, load_robot
 from identification.robots.locking import lock_joints
 from tests.identification.synthetic import (
     coloured_noise,
@@ -250,3 +251,20 @@ def test_a_split_that_holds_nothing_out_is_refused(split: str) -> None:
 def test_settings_that_do_not_exist_are_refused() -> None:
     with pytest.raises(EstimationError, match="pipeline"):
         FitSettings(pipeline="magic")  # type: ignore[arg-type]
+
+
+def test_a_fit_warns_of_a_clock_that_runs_at_half_its_rate(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """Inertias came out four times what they are, and only `doctor --log` said why."""
+    q, dq, ddq = fourier_motion(7, period_s=20.0, samples=4000, seed=3)
+    torque = inverse_dynamics(iiwa14, table3, q, dq, ddq)
+    torque += 0.02 * np.random.default_rng(3).standard_normal(torque.shape)
+    sound = recording_of(q, torque, period_s=20.0)
+    slow = replace(sound, time=2.0 * sound.time, sampling_period_s=2.0 * sound.sampling_period_s, period_s=None,
+                   period_index=None, sample_in_period=None, samples_per_period=None)  # fmt: skip
+    settings = FitSettings(physical=False)
+    told, silent = (
+        [note for note in fit_recordings([each], iiwa14, settings).notes if "the time base is wrong" in note]
+        for each in (slow, replace(sound, period_s=None, period_index=None, sample_in_period=None))
+    )
+    assert told[0].startswith("WARNING, synthetic.mcap: the time base is wrong")
+    assert not silent

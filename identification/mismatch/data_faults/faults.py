@@ -39,6 +39,7 @@ ROW_FAULTS = {
     "gap": "lost_samples",
     "repeated_rows": "lost_samples",
     "garbled_rows": "garbled_rows",
+    "hidden_gaps": "lost_samples",
     "time_backwards": "garbled_rows",
     "wrong_joint_order": "wrong_joint_order",
     "clipped_torque": "saturated_sensor",
