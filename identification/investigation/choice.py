@@ -20,7 +20,7 @@ from identification.investigation.equivalences import Equivalence, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
 from identification.investigation.hypotheses import Assessment
-from identification.investigation.separation import Layout, separations
+from identification.investigation.separation import Layout, separations, special_cases
 from identification.mismatch.evidence import Evidence, PlannedRows
 
 TRIALS, IMPROVEMENTS = 48, 96
@@ -111,7 +111,9 @@ class Chooser:
         """What a motion would tell, in addition to all recordings."""
         alive, beside = self.assessment.alive, self.assessment.discrepancies
         after = self.recorded + sums_of(self.rows(experiment, periods), self.layout.forms, beside=beside)
-        return forecast(alive, self.separated, separations(after, self.layout, alive, beside))
+        told = separations(after, self.layout, alive, beside)
+        told[special_cases(after, self.layout, alive)] = np.inf
+        return forecast(alive, self.separated, told)
 
     @cached_property
     def separated(self) -> FloatArray:
