@@ -19,7 +19,7 @@ from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.names.alternatives import EXPLAINS_MORE
 from identification.mismatch.search.library import COEFFICIENT_COST
-from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, SPEAK, DiagnosisSettings
 
 STANDS_OUT = ALTERNATIVE
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""
@@ -104,8 +104,7 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain
     """
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
-    apart = [own.effect is not None and not _is_a_class(own, item) for item in hypotheses]
-    needed = np.where(apart, APART, STANDS_OUT)
+    needed = np.array([_needed(own, item) for item in hypotheses])
     spread = min(own.relative_std, 1.0) if own.effect is not None else 0.0
     total = np.zeros(len(hypotheses))
     general = np.isinf(gain[truth])
@@ -122,6 +121,19 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain
         elif own.effect is None and rival.effect is not None:
             total[j] = _faded(float(gain[truth, j]), rival, 2.0 * float(needed[j] - lead[j]))
     return np.minimum(total, 1.0)
+
+
+def _needed(truth: Hypothesis, rival: Hypothesis) -> float:
+    """Nats by which the diagnosis asks a truth to lead a rival.
+
+    Beside torque of no known form its functions may fail to describe some of that, so that free functions have to be
+    led by more.
+    """
+    if truth.effect is None:
+        return STANDS_OUT
+    if not _is_a_class(truth, rival):
+        return APART
+    return SPEAK if truth.unnamed else STANDS_OUT
 
 
 def _simpler(further: int) -> float:

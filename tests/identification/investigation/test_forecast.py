@@ -19,7 +19,7 @@ from identification.investigation.separation import Layout, separations, special
 from identification.mismatch.effects.base import Place
 from identification.mismatch.names.alternatives import EXPLAINS_MORE
 from identification.mismatch.search.library import COEFFICIENT_COST
-from identification.mismatch.settings import LEAST_SHOWN
+from identification.mismatch.settings import LEAST_SHOWN, SPEAK
 
 BASE_VARIANCE, LARGEST, ROWS = 9.0, 0.3, 60
 EFFECTS = {1: ("torque_offset", "torque_sensor_gain"), 2: ("cable_spring", "position_dependent_torque")}
@@ -122,7 +122,7 @@ def test_an_offset_gets_its_name_beside_a_spring_that_explains_as_much_whatever_
     assert special_cases(sums, layout, alive).tolist() == [[False, True], [False, False]]
     chooser: Any = SimpleNamespace(
         assessment=SimpleNamespace(alive=alive, discrepancies=None), recorded=sums, layout=layout,
-        separated=separations(sums, layout, alive), rows=lambda *_: None,
+        separated=separations(sums, layout, alive), rows=lambda *_: None, over_all=False,
     )  # fmt: skip
     monkeypatch.setattr(choice, "sums_of", lambda *_, **__: sums)
     found = Chooser.foretell(chooser, None, 4)  # type: ignore[arg-type]
@@ -133,3 +133,18 @@ def test_a_form_that_another_one_only_resembles_is_no_special_case_of_it() -> No
     columns, alive = offset_and_spring(np.random.default_rng(9), 300)
     columns[:, 3] += 0.1 * columns[:, 0] ** 2
     assert not special_cases(Sums(columns.T @ columns, 3), Layout.of(alive), alive).any()
+
+
+@pytest.mark.parametrize(("unnamed", "asked"), [(False, STANDS_OUT), (True, SPEAK)])
+def test_beside_torque_without_a_name_free_functions_have_to_be_led_by_more(unnamed: bool, asked: float) -> None:
+    """Truth: what the diagnosis asks, 3 nats, and 8 where a class speaks beside the name on any joint."""
+    form = Form.of("torque_offset", Place(1), {})
+    size, covariance = np.array([0.9]), np.array([[1e-12]])
+    rival = replace(NOTHING, probability=0.1, beside=(np.array([0.2]), np.array([0.2])))
+    sure = np.full((2, 2), 1e6)
+    for above, named in ((0.5, 1.0), (-0.5, 0.0)):
+        truth = Hypothesis(
+            "torque_offset", Place(1), (form,), form, size, covariance, asked + above, 0.9,
+            (np.array([0.0]), np.array([0.2])), unnamed,
+        )  # fmt: skip
+        assert forecast((truth, rival), sure, sure).named_now == pytest.approx(named)
