@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
     least = smallest_budget_s(len(given))
     if budget_s < least:
         raise ConfigurationError(
-            f"{budget_s / 60.0:g} minutes are too short: {least / 60.0:.1f} are the least with "
+            f"{budget_s / 60.0:g} minutes are too short: {math.ceil(least / 6.0) / 10.0:g} are the least with "
             f"{counted(len(given), 'recording')} at hand.",
             field="--budget",
         )

@@ -291,9 +291,12 @@ class Investigation:
             if not objection:
                 self._keep(pending=motion)
                 return Event.SAFE
+        what = f"Of the motions that would tell most ({len(self._choices)} tried) none is safe here"
+        if (first := self._choices[0][0]).forecast is None:
+            what = f"What has to come next, {first.purpose.split(':')[0]}, is not safe here"
         self._keep(
-            sentence=f"Of the motions that would tell most ({len(self._choices)} tried) none is safe here: {objection} "
-            "Give the arm more room (--workspace), or record a motion of your own and add it with --from."
+            sentence=f"{what}: {objection} Give the arm more room (--workspace), or record motions of your own and "
+            "begin anew with --from."
         )
         return Event.UNSAFE
 

@@ -275,13 +275,21 @@ def _told_apart(step: Step, label: dict[str, Any]) -> bool:
 
 
 def forecasts_of(account: Account, label: dict[str, Any]) -> tuple[tuple[float, bool], ...]:
-    """Forecast of each motion that had one, and whether the truth had its name after it, or was rightly nothing."""
+    """Forecast of each motion that had one, and whether the truth had its name after it, or was rightly nothing.
+
+    Where the truth had its name before, the forecast is of what is left, which is nothing.
+    """
+    steps = {step.recordings: step for step in account.steps}
+    answers = {count: answer_of("chosen", account, step, {**label, "answer": ""}, 0) for count, step in steps.items()}
     found = []
     for number, recorded in enumerate(account.recordings, start=1):
-        step = next((item for item in account.steps if item.recordings == number), None)
-        if recorded.motion is not None and recorded.motion.forecast is not None and step is not None:
-            answer = answer_of("chosen", account, step, {**label, "answer": ""}, 0)
-            came = answer.named if label["effects"] else answer.leader_right and step.stands_out
+        if recorded.motion is not None and recorded.motion.forecast is not None and number in steps:
+            step, answer = steps[number], answers[number]
+            before = answers.get(number - 1)
+            nothing_left = step.stands_out and step.alive[0].effect is None
+            came = answer.leader_right and step.stands_out
+            if label["effects"]:
+                came = answer.named and (nothing_left or before is None or not before.named)
             found.append((recorded.motion.forecast, came))
     return tuple(found)
 

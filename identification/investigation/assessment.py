@@ -22,7 +22,7 @@ from identification.investigation.screening import Screened, Weighting, screen
 from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence, rows_of_each
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.settings import PRIOR_COST
+from identification.mismatch.settings import PRIOR_COST, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import FREE
@@ -116,10 +116,10 @@ def _with_classes(plain: Selection) -> Selection:
     return result
 
 
-def _background(selection: Selection) -> float:
-    """Nats of the smooth error that weighs most on any joint."""
+def _missed(selection: Selection, only: Collection[int] = range(len(CLASSES))) -> float:
+    """Nats of the class that weighs most on any joint, of these numbers."""
     losses = (selection.losses(joint, state) for joint, state in enumerate(selection.states))
-    return max((loss for own in losses for number, loss in own.items() if number in _BACKGROUND), default=0.0)
+    return max((loss for own in losses for number, loss in own.items() if number in only), default=0.0)
 
 
 def _fewer(selection: Selection, joint: int) -> JointState:
@@ -161,7 +161,7 @@ def _weighed(
     whole.states = [whole.state(joint, own.groups, own.hyper) for joint, own in enumerate(nothing.states)]
     touched = set(shown_on(unknown.problem, every @ item.coefficients))
     # Joints share base columns: what a form explains, classes of other joints may have stood for. A smooth error stays.
-    others = [] if _background(nothing) else [joint for joint, own in enumerate(nothing.states) if own.groups]
+    others = [] if _missed(nothing, _BACKGROUND) else [joint for joint, own in enumerate(nothing.states) if own.groups]
     for joint in (*touched, *(number for number in others if number not in touched)):
         if unknown.asked[joint]:
             whole.states[joint] = _fewer(whole, joint)
@@ -175,7 +175,7 @@ def _weighed(
     absent[own] = ABSENT
     rest = Selection(replace(among, prior=absent), parts, (1.0,), whole.states)
     # A smooth error of the model may have any form: a name has to weigh as much as the largest one.
-    worth = whole.total() - rest.total() - _background(whole)
+    worth = whole.total() - rest.total() - _missed(whole, _BACKGROUND)
     # An evidence leaves out ½ log FREE of each column beside the base parameters, of which the form has some more.
     gained = whole.total() - nothing.total() + 0.5 * own.size * math.log(FREE)
     log_odds = min(gained, worth) + item.spread + prior - _shared_odds(whole)
@@ -189,7 +189,7 @@ def _weighed(
     }
     return Hypothesis(
         item.effect.name, item.place, item.forms, item.best, coefficients, now.covariance[np.ix_(place, place)],
-        log_odds, beside=variances_of(whole.states, sizes),
+        log_odds, beside=variances_of(whole.states, sizes), unnamed=_missed(whole) >= SPEAK,
     ), _noise(whole), free  # fmt: skip
 
 

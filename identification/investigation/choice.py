@@ -16,11 +16,12 @@ from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.added_mass import AddedMass
 from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
+from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.equivalences import Equivalence, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
 from identification.investigation.hypotheses import Assessment
-from identification.investigation.separation import Layout, separations
+from identification.investigation.separation import Layout, separations, special_cases
 from identification.mismatch.evidence import Evidence, PlannedRows
 
 TRIALS, IMPROVEMENTS = 48, 96
@@ -57,7 +58,11 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Chooser:
-    """Everything a forecast needs: hypotheses alive, what is recorded, how new rows come about. Not slotted: caches."""
+    """Everything a forecast needs: hypotheses alive, what is recorded, how new rows come about. Not slotted: caches.
+
+    over_all: whether free functions go over the ranges of all motions, the new one among them, as they do once it is
+    recorded; else they begin anew where it leaves the recorded ones, which asks for no product of recorded rows.
+    """
 
     assessment: Assessment
     regressor: BaseRegressor
@@ -67,6 +72,7 @@ class Chooser:
     recorded: Sums
     noise: NoiseLevel
     mass: AddedMass | None = None
+    over_all: bool = False
 
     @classmethod
     def of(
@@ -86,15 +92,17 @@ class Chooser:
         pairs = zip(evidences, assessment.evidences, strict=True)
         longest, inflated = max(pairs, key=lambda pair: pair[0].periods)
         noise = NoiseLevel.of(longest, inflated)
-        return cls(assessment, regressor, values, tuple(known), layout, _recorded(assessment, layout), noise, mass)
+        recorded = _recorded(assessment, layout, assessment.discrepancies)
+        return cls(assessment, regressor, values, tuple(known), layout, recorded, noise, mass)
 
     @cached_property
     def thorough(self) -> Chooser:
-        """The same with every shape of the hypotheses' grids: slower, for what is promised. The diagnosis that a
-        forecast is held against gives a rival the shape that suits it best.
+        """The same with every shape of the hypotheses' grids, and free functions over what all motions reach: slower,
+        for what is promised. The diagnosis that a forecast is held against gives a rival the shape that suits it best.
         """
         layout = Layout.of(self.assessment.alive, None)
-        return replace(self, layout=layout, recorded=_recorded(self.assessment, layout))
+        recorded = _recorded(self.assessment, layout, self.assessment.discrepancies)
+        return replace(self, layout=layout, recorded=recorded, over_all=True)
 
     def rows(self, experiment: Experiment, periods: int) -> PlannedRows:
         """Rows of a motion: settled findings among the nominal columns, misfit without a name among the noise."""
@@ -110,8 +118,14 @@ class Chooser:
     def foretell(self, experiment: Experiment, periods: int) -> Forecast:
         """What a motion would tell, in addition to all recordings."""
         alive, beside = self.assessment.alive, self.assessment.discrepancies
-        after = self.recorded + sums_of(self.rows(experiment, periods), self.layout.forms, beside=beside)
-        return forecast(alive, self.separated, separations(after, self.layout, alive, beside))
+        rows, recorded = self.rows(experiment, periods), self.recorded
+        if self.over_all:
+            beside = beside.over([*(item.motion for item in self.assessment.evidences), rows.motion])
+            recorded = _recorded(self.assessment, self.layout, beside)
+        after = recorded + sums_of(rows, self.layout.forms, beside=beside)
+        told = separations(after, self.layout, alive, beside)
+        told[special_cases(after, self.layout, alive)] = np.inf
+        return forecast(alive, self.separated, told)
 
     @cached_property
     def separated(self) -> FloatArray:
@@ -193,9 +207,9 @@ class Chooser:
         return list(dict.fromkeys(named))[:3] or list(range(self.assessment.evidences[0].n))
 
 
-def _recorded(assessment: Assessment, layout: Layout) -> Sums:
+def _recorded(assessment: Assessment, layout: Layout, beside: Discrepancies) -> Sums:
     """All recordings as one body of evidence."""
-    first, *others = (sums_of(item, layout.forms, beside=assessment.discrepancies) for item in assessment.evidences)
+    first, *others = (sums_of(item, layout.forms, beside=beside) for item in assessment.evidences)
     return sum(others, start=first)
 
 

@@ -7,7 +7,7 @@ has seen: there the same functions, held at the ends of the ranges, begin anew w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,24 @@ class Discrepancies:
                 parts += [basis.scaled((values, inside)), basis.scaled((values, 1.0 - inside))]
             found.append(project(np.concatenate(parts, axis=1)) if parts else np.zeros((0, 0)))
         return tuple(found)
+
+    def over(self, motions: Sequence[Motion]) -> Discrepancies:
+        """The same classes over the ranges of these motions together, as they are once all of them are recorded."""
+        ranges = Ranges.of(motions)
+        inputs = [Inputs(motion, ranges, self.fade_width) for motion in motions]
+        shared: dict[tuple[int, int, int], Basis] = {}
+        found = []
+        for bases in self.bases:
+            own = []
+            for basis in bases:
+                joint = -1 if CLASSES[basis.number].shared else basis.joint
+                key = basis.number, basis.group, joint
+                if key not in shared:
+                    functions = CLASSES[basis.number].functions(basis.group)
+                    shared[key] = Basis.of(*key[:2], basis.joint, [functions(each, basis.joint) for each in inputs])
+                own.append(replace(shared[key], joint=basis.joint))
+            found.append(tuple(own))
+        return Discrepancies(tuple(found), ranges, self.fade_width)
 
     def deviations(self, variances: Variances) -> tuple[FloatArray, ...]:
         """Per joint (q,) standard deviation of each column's weight."""

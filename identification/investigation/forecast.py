@@ -13,11 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import chdtr, chndtr, ndtr
 
 from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
-from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, DiagnosisSettings
+from identification.mismatch.names.alternatives import EXPLAINS_MORE
+from identification.mismatch.search.library import COEFFICIENT_COST
+from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, SPEAK, DiagnosisSettings
 
 STANDS_OUT = ALTERNATIVE
 """Nats by which a name has to lead every free function, and "nothing more" every name: odds of 20 to 1."""
@@ -25,6 +27,8 @@ APART = DiagnosisSettings().margin_of_indistinguishable
 """Nats by which a name has to lead every other name, or the diagnosis says that it cannot tell the two."""
 LEAST_GAIN, LEAST_LIKELY = 0.02, 0.01
 """Rise of a chance below which a motion is not worth its time; probability of all forms below which none is sought."""
+_LEAST_ADDED = 1e-3
+"""Of what is known of a size, what a motion adds at least: for less the chance is one or none."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
@@ -64,11 +68,13 @@ class Forecast:
 
 
 def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatArray) -> Forecast:
-    """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion."""
+    """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion; infinite after it where
+    the rival has the truth for a special case.
+    """
     gain = np.maximum(after - before, 0.0)
     told = [_told(hypotheses, i, before, gain) for i in range(len(hypotheses))]
     one = [_all(hypotheses, i, row) for i, row in enumerate(told)]
-    standing = np.zeros_like(gain)
+    standing = np.where(np.isinf(gain), gain, 0.0)
     now = [_all(hypotheses, i, _told(hypotheses, i, before, standing)) for i in range(len(hypotheses))]
     weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
     pairs = [
@@ -98,16 +104,59 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain
     """
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
-    needed = np.where([_is_a_class(own, item) for item in hypotheses], STANDS_OUT, APART)
+    needed = np.array([_needed(own, item) for item in hypotheses])
     spread = min(own.relative_std, 1.0) if own.effect is not None else 0.0
     total = np.zeros(len(hypotheses))
+    general = np.isinf(gain[truth])
+    finite = np.where(general, 0.0, gain[truth])
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        strength = gain[truth] * max(0.0, 1.0 + spread * float(node)) ** 2
+        strength = finite * max(0.0, 1.0 + spread * float(node)) ** 2
         deviation = np.sqrt(np.maximum(strength, 1e-12))
         total += weight * ndtr((lead + 0.5 * strength - needed) / deviation)
     shown, more = float(before[truth, truth]), float(gain[truth, truth])
     total[truth] = 1.0 if own.effect is None else _shown(shown, more, own.relative_std)
+    for j, rival in enumerate(hypotheses):
+        if general[j]:
+            total[j] = _simpler(rival.coefficients.size - own.coefficients.size)
+        elif own.effect is None and rival.effect is not None:
+            total[j] = _faded(float(gain[truth, j]), rival, 2.0 * float(needed[j] - lead[j]))
     return np.minimum(total, 1.0)
+
+
+def _needed(truth: Hypothesis, rival: Hypothesis) -> float:
+    """Nats by which the diagnosis asks a truth to lead a rival.
+
+    Beside torque of no known form its functions may fail to describe some of that, so that free functions have to be
+    led by more.
+    """
+    if truth.effect is None:
+        return STANDS_OUT
+    if not _is_a_class(truth, rival):
+        return APART
+    return SPEAK if truth.unnamed else STANDS_OUT
+
+
+def _simpler(further: int) -> float:
+    """Probability that the diagnosis says a truth, and not what has it for a special case with further coefficients.
+
+    No motion tells the two by λ. The diagnosis says the simpler one unless the other explains more than its
+    coefficients cost, and by chance it explains half a χ² more.
+    """
+    return float(chdtr(further, 2.0 * (COEFFICIENT_COST * further - EXPLAINS_MORE)))
+
+
+def _faded(gain: float, rival: Hypothesis, more: float) -> float:
+    """Probability that λ of a form that is not there falls by `more`. gain: λ that the motion would show of the size
+    known so far.
+
+    The size found later is the mean of that one and of none, by what each weighs, so that no more than what speaks for
+    the form now is ever lost. Its λ is then a noncentral χ², of as many degrees as the form has coefficients.
+    """
+    known = rival.relative_std**-2
+    if more >= known:
+        return 0.0
+    added = max(gain / max(known, 1e-12), _LEAST_ADDED)
+    return float(chndtr((known - more) * (1.0 + added) / added, rival.coefficients.size, known / added))
 
 
 def _shown(before: float, gain: float, relative_std: float) -> float:
@@ -123,7 +172,7 @@ def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> floa
     """Probability that a truth leads all rivals, at least, and shows enough. told: (H,) of `_told`.
 
     Rivals that are one class with or without a further name stand and fall together; whether all are led, and whether
-    enough is shown, hang on the same true size.
+    enough is shown, hang on the same true size. Where nothing is there, each form fades by a noise of its own.
     """
     together = np.array([_is_a_class(hypotheses[truth], item) for item in hypotheses])
     missed = 1.0 - told
@@ -134,8 +183,8 @@ def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> floa
 
 def _is_a_class(truth: Hypothesis, rival: Hypothesis) -> bool:
     """Whether a rival has no name for the truth's torque: none at all, or a class on its joint that the truth lacks."""
-    if truth.effect is None or rival.effect is None:
-        return True
+    if rival.effect is None or truth.effect is None:
+        return rival.effect is None
     joints = range(len(rival.beside)) if truth.place.joint is None else (truth.place.joint - 1,)
     return any(
         np.any((own := rival.beside[joint]) > 0.0) and not np.array_equal(own > 0.0, truth.beside[joint] > 0.0)

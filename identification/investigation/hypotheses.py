@@ -20,7 +20,8 @@ class Hypothesis:
 
     forms: its shapes on the grid. best: the shape with the most evidence. coefficients: (m,) of it, with covariance.
     log_odds: nats against effect None, prior included. probability: among all that are alive. beside: variances of the
-    classes of each joint that are there too, as `Discrepancies.bases` of the assessment has them.
+    classes of each joint that are there too, as `Discrepancies.bases` of the assessment has them. unnamed: whether any
+    of these is missed by as much as the diagnosis asks of a class.
     """
 
     effect: str | None
@@ -32,6 +33,7 @@ class Hypothesis:
     log_odds: float
     probability: float = 0.0
     beside: Variances = ()
+    unnamed: bool = False
 
     @property
     def name(self) -> str:

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from identification.arrays import FloatArray
+from identification.arrays import BoolArray, FloatArray
 from identification.investigation.columns import Form, Sums, sums_of
 from identification.investigation.discrepancy import Discrepancies, Variances
+from identification.investigation.equivalences import ONE_TORQUE
 from identification.investigation.free_functions import lead
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.evidence import Evidence
@@ -87,6 +88,22 @@ def separations(
                 continue
             forms = [places[form] for form in rival.forms if form in places]
             result[i, j] = _left(rest, own, forms, size)
+    return result
+
+
+def special_cases(sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis]) -> BoolArray:
+    """(H, H) whether a hypothesis (row) is a special case of a rival (column) that has further coefficients, as an
+    offset is of a spring: whatever is recorded, the rival explains as much.
+    """
+    places, rest = layout.places, _rest(sums, None, ())
+    result = np.zeros((len(hypotheses), len(hypotheses)), dtype=bool)
+    for i, truth in enumerate(hypotheses):
+        for j, rival in enumerate(hypotheses):
+            if truth.best is None or rival.best is None or rival.coefficients.size <= truth.coefficients.size:
+                continue
+            own, size = places[truth.best], truth.coefficients
+            left = _left(rest, own, [places[form] for form in rival.forms if form in places], size)
+            result[i, j] = left < ONE_TORQUE * float(size @ rest[own, own] @ size)
     return result
 
 

@@ -98,6 +98,26 @@ def test_a_forecast_came_true_where_the_truth_had_its_name_after_that_motion(aft
     assert forecasts_of(account, LABEL) == ((0.9, came),)
 
 
+@pytest.mark.parametrize(
+    ("after", "came"),
+    [
+        (step(SPRING, stands_out=True), True),
+        (step(SPRING), False),
+        (step(SPRING, leader="torque_offset", stands_out=True), False),
+        (step(stands_out=True), False),
+    ],
+)
+def test_a_forecast_after_the_name_is_of_what_is_left_which_is_nothing(after: Step, came: bool) -> None:
+    """It came true whatever it had promised, as the name was there already."""
+    motion = Motion(number=3, kind="x", purpose="", trajectory="", periods=4, seconds=40.0, forecast=0.02)
+    account = Account(
+        robot="iiwa14", seed=1, budget_s=120.0,
+        recordings=(Recorded(file="a"), Recorded(file="b"), Recorded(file="c", motion=motion)),
+        steps=(step(SPRING, recordings=2), after),
+    )  # fmt: skip
+    assert forecasts_of(account, LABEL) == ((0.02, came),)
+
+
 def test_a_forecast_of_nothing_came_true_where_nothing_stood_out() -> None:
     motion = Motion(number=3, kind="x", purpose="", trajectory="", periods=4, seconds=40.0, forecast=0.9)
     account = Account(

@@ -11,12 +11,14 @@ from fixtures.cases.arm import Arm, random_links
 from fixtures.cases.disturbances import draw_background
 from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
-from identification.excitation import default_trajectory, iiwa_limits
+from identification.excitation import Trajectory, default_trajectory, iiwa_limits
 from identification.investigation import assessment
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
+from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
+from identification.mismatch.prepared import Prepared
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.unknown import rows as rows_of_joints
 from identification.mismatch.unknown.classes import CLASSES
@@ -27,13 +29,22 @@ PERIODS, NOISE_NM = 4, 0.03
 
 
 def evidences(
-    folder: Path, robot: RobotModel, regressor: BaseRegressor, *, background: bool, spring: float
+    folder: Path,
+    robot: RobotModel,
+    regressor: BaseRegressor,
+    *,
+    background: bool,
+    spring: float,
+    motions: tuple[Trajectory, ...] = (),
 ) -> list[Evidence]:
-    """The shipped motion of an arm with a spring on joint 3, or with a smooth error of the model on all joints."""
+    """Motions of an arm with a spring on joint 3, or with a smooth error of the model on all joints.
+
+    motions: none is the shipped one.
+    """
     random = np.random.default_rng(21)
     arm, smooth = Arm(random_links(random)), draw_background(random)
     found = []
-    for number, trajectory in enumerate((default_trajectory(),)):
+    for number, trajectory in enumerate(motions or (default_trajectory(),)):
         motion = excitation_of("", trajectory.table())
         torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         torque += arm.links.viscous * motion.velocity + arm.links.coulomb * np.sign(motion.velocity)
@@ -95,3 +106,26 @@ def test_a_form_is_held_against_the_classes_of_its_joint_however_little_that_sho
     rows = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.008)
     found = assess(rows, asked=asked)
     assert "own_position" in {CLASSES[basis.number].name for basis in found.discrepancies.bases[2]}
+
+
+def test_free_functions_over_a_motion_more_are_those_that_its_diagnosis_will_have(
+    tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """Truth: the functions that are built of both recordings together. The second reaches farther than the first."""
+    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
+    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
+    both = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3, motions=(default_trajectory(), wider))
+    before, after = (
+        rows_of_joints.build_rows(Prepared(tuple(own), (), tuple(item.torque for item in own)), None, {2})
+        for own in (both[:1], both)
+    )
+    assert after.fitted.position_upper[2] > 1.2 * before.fitted.position_upper[2]
+    wanted = {(basis.number, basis.group): basis for basis in after.joints[2].bases}
+    bases = tuple(joint.bases for joint in before.joints)
+    known = Discrepancies(bases, before.fitted, before.inputs[0].fade_width)
+    found = known.over([item.motion for item in both])
+    assert len(found.bases[2]) > 10
+    for basis in found.bases[2]:
+        own = wanted[basis.number, basis.group]
+        np.testing.assert_allclose(basis.centre, own.centre, atol=1e-12)
+        assert basis.scale == pytest.approx(own.scale)
