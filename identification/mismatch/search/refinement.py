@@ -15,8 +15,9 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
 from identification.mismatch.problem import Problem, spread
-from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
+from identification.mismatch.search.library import EffectRows, Library, cost_of_choice
 from identification.mismatch.search.screening import coefficients_of, group_gain
+from identification.mismatch.settings import ALTERNATIVE
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12
@@ -92,7 +93,7 @@ def score_of(problem: Problem, member: Member) -> float:
     if member.effect.one_sided and target.size == 1 and target[0] < 0.0:
         gain = 0.0
     choice = cost_of_choice(len(member.selection), member.rows.coefficients)
-    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost - choice
+    return 0.5 * gain - ALTERNATIVE * max(used - 1, 0) - member.rows.cost - choice
 
 
 def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray]:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.problem import SWALLOWED, Problem
-from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, cost_of_choice
+from identification.mismatch.problem import Problem
+from identification.mismatch.search.library import EffectRows, cost_of_choice
+from identification.mismatch.settings import ALTERNATIVE, ROUNDING
 
 # Of a group's directions those whose length off the basis is below this share of its longest are not determined.
 UNDETERMINED = 1e-3
@@ -128,7 +129,7 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         cost = np.array([screen.candidates[member].cost for member in batch.members.tolist()])
         raw, target = np.maximum(screen.raw[batch.columns], 1e-300), screen.target[batch.columns]
         diagonal = np.einsum("gii->gi", batch.gram)
-        seen = diagonal > SWALLOWED * raw
+        seen = diagonal > ROUNDING * raw
         one_sided = np.array([screen.candidates[member].effect.one_sided for member in batch.members.tolist()])
         seen &= (target > 0.0) | ~one_sided[:, None] if size == 1 else True
         single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
@@ -139,11 +140,11 @@ def gains(screen: Screen) -> list[tuple[float, Variant]]:
         if size > 1:
             scale = np.sqrt(raw)
             values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
-            kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[:, -1:])
+            kept = (values > ROUNDING) & (values > UNDETERMINED**2 * values[:, -1:])
             projected = np.einsum("gij,gi->gj", vectors, target / scale)
             gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
             used = kept.sum(axis=1)
-            whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
+            whole = np.where(used > 1, 0.5 * gain - ALTERNATIVE * (used - 1), -np.inf)
             result.extend(_listed(whole - cost, batch.members, tuple(range(size))))
     return sorted(result, key=lambda item: -item[0])
 
@@ -180,5 +181,5 @@ def coefficients_of(gram: FloatArray, target: FloatArray, raw: FloatArray) -> tu
 def _directions(gram: FloatArray, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.sqrt(np.maximum(raw, 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[-1])
+    kept = (values > ROUNDING) & (values > UNDETERMINED**2 * values[-1])
     return values[kept], vectors[:, kept]

@@ -20,7 +20,7 @@ from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
 from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.search.trial import Trial, fitted, pruned, without
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import MOST, DiagnosisSettings
 
 SHORTLIST = 6
 """Candidates per screening that are refined."""
@@ -30,8 +30,6 @@ SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
 LEAST_STEP = 0.15
 """Share of the score asked for beside a background that a step must bring while noise is not reached."""
-MOST_OF_IT = 0.5
-"""Share of the excess misfit that the same physics on every joint must take on the grid to be refined."""
 WELL_DETERMINED = 0.03
 """Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
@@ -105,7 +103,7 @@ def _on_every_joint(
         if not members:
             continue
         every = max(members, key=lambda member: score_of(nominal, member))
-        if 2.0 * score_of(nominal, every) < MOST_OF_IT * (before.squares - nominal.torque.size):
+        if 2.0 * score_of(nominal, every) < MOST * (before.squares - nominal.torque.size):
             continue
         every = refine(nominal, library, every)
         others = [member for member in trial.members if member.effect is not effect]

@@ -16,9 +16,9 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, extended, off, reweighted
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
-from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
+from identification.mismatch.search.library import cost_of_choice
 from identification.mismatch.search.refinement import Member, columns_of, score_of
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
@@ -72,7 +72,7 @@ class Trial:
     def cost(self) -> float:
         """Log-likelihood that further coefficients and the choice of shapes cost."""
         return sum(
-            COEFFICIENT_COST * (len(item.selection) - 1)
+            ALTERNATIVE * (len(item.selection) - 1)
             + item.rows.cost
             + cost_of_choice(len(item.selection), item.rows.coefficients)
             for item in self.members

@@ -12,11 +12,11 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.names.alternatives import alternatives, own_score
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.search.library import COEFFICIENT_COST, Library
+from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import fitted
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
@@ -110,4 +110,4 @@ def test_beside_an_unknown_torque_a_coefficient_more_has_to_earn_its_cost(
         gained = scores[1] - scores[0]
         # A column more lowers no likelihood, but for where misfit is located anew; half the square of a normal deviate
         # lies beyond 3 in one of seventy.
-        assert -COEFFICIENT_COST - 0.5 <= gained < 0.0
+        assert -ALTERNATIVE - 0.5 <= gained < 0.0
