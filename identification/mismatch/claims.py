@@ -195,7 +195,7 @@ def _repeatable(
             parameters = member.effect.parameters(part)
             own, joints = rows, joints_of(member, rows)
             if len(parts) > 1:
-                if parameters[0].certainty < CERTAIN or member.effect.is_impossible(part.coefficients, part.std):
+                if member.effect.certainty(part) < CERTAIN or member.effect.is_impossible(part.coefficients, part.std):
                     continue
                 joints = [joint_index(part.place)]
                 own = np.where(np.isin(np.arange(problem.n), joints)[:, None], rows, 0.0)
@@ -213,7 +213,7 @@ def _repeatable(
                     shape=member.shape,
                     absorbed_fraction=1.0 - float(visible @ visible) / max(float(whitened @ whitened), 1e-300),
                     score=scores[index],
-                    significance=significance(scores[index], len(member.selection), len(result.candidates)),
+                    significance=significance(scores[index], member.rows.coefficients, len(result.candidates)),
                     sentence=_sentence(member.effect.sentence(part), others, gain.size > 0),
                     where=where,
                     heldout_gain_nm=gain,

@@ -161,7 +161,7 @@ def _search(
         weakest = int(np.argmax(chances))
         if chances[weakest] <= bound:
             changes = [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
-            certainty = [change.effect.parameters(change.estimate)[0].certainty for change in changes]
+            certainty = [change.effect.certainty(change.estimate) for change in changes]
             weakest = int(np.argmin(certainty))
             if certainty[weakest] >= CERTAIN:
                 return changes

@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
-from identification.mismatch.effects.describe import joint_name, linear, size_of
+from identification.mismatch.effects.describe import harmonic, joint_name, linear, size_of
 from identification.mismatch.effects.dynamics import bending_moments
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
@@ -53,6 +53,11 @@ class BendingCrosstalk(OwnJointEffect):
             linear("sensitivity_x", estimate, "%", scale=100.0),
             linear("sensitivity_y", estimate, "%", index=1, scale=100.0),
         )
+
+    def certainty(self, estimate: Estimate) -> float:
+        """Of both together: a moment about one axis alone says nothing of the other."""
+        read = harmonic(estimate)
+        return Parameter("sensitivity", read.amplitude, read.amplitude_std, "1").certainty
 
     def sentence(self, estimate: Estimate) -> str:
         """How much of each bending moment is read."""

@@ -21,11 +21,6 @@ from identification.mismatch.settings import ALTERNATIVE
 Shape = tuple[tuple[str, float], ...]
 
 
-def cost_of_choice(used: int, columns: int) -> float:
-    """Log-likelihood that it costs to have chosen one of several columns: the log of their number; none for all."""
-    return math.log(columns) if used < columns else 0.0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectRows:
     """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences.

@@ -16,7 +16,6 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, extended, off, reweighted
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
-from identification.mismatch.search.library import cost_of_choice
 from identification.mismatch.search.refinement import Member, columns_of, score_of
 from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 
@@ -71,12 +70,7 @@ class Trial:
     @property
     def cost(self) -> float:
         """Log-likelihood that further coefficients and the choice of shapes cost."""
-        return sum(
-            ALTERNATIVE * (len(item.selection) - 1)
-            + item.rows.cost
-            + cost_of_choice(len(item.selection), item.rows.coefficients)
-            for item in self.members
-        )
+        return sum(ALTERNATIVE * (item.rows.coefficients - 1) + item.rows.cost for item in self.members)
 
     @property
     def penalised(self) -> float:

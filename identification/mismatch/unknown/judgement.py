@@ -251,7 +251,7 @@ def _nearest_forms(
     for candidate in candidates:
         if joint not in candidate.joints or energy <= 0.0:
             continue
-        gram, target, raw = gram_of(shadowed, Member(candidate, tuple(range(candidate.coefficients))))
+        gram, target, raw = gram_of(shadowed, Member(candidate))
         share = min(group_gain(gram, target, raw)[0] / energy, 1.0)
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), share)
     found = sorted(((share, name) for name, share in best.items() if share >= CAPTURE), reverse=True)

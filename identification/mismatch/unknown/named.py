@@ -66,13 +66,11 @@ def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Row
     """A member of the model on the rows of both roles. size: its coefficients; elsewhere: library of the held-out."""
     there = None if elsewhere is None else elsewhere.rows(member.effect, member.place, member.rows.shape)
     count = int((rows.part < rows.folds).sum())
-    used = list(member.selection)
-    columns = np.zeros((rows.problem.n, rows.problem.rows, len(used)))
-    columns[list(member.rows.joints), :count] = member.rows.rows[:, :, used]
+    columns = np.zeros((rows.problem.n, rows.problem.rows, size.size))
+    columns[list(member.rows.joints), :count] = member.rows.rows
     if there is not None:
-        columns[list(there.joints), count:] = there.rows[:, :, used]
-    joints = shown_on(rows.problem, columns @ size[used])
-    return Named(member.effect.name, joints, columns, size[used], member.rows.cost)
+        columns[list(there.joints), count:] = there.rows
+    return Named(member.effect.name, shown_on(rows.problem, columns @ size), columns, size, member.rows.cost)
 
 
 def shown_on(problem: Problem, torque: FloatArray) -> tuple[int, ...]:
