@@ -26,8 +26,6 @@ GROWS = 0.5
 """Share of its refined score that a candidate has on the grid at least."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
-LEAST_STEP = 0.15
-"""Share of the score asked for beside a background that a step must bring while noise is not reached."""
 MOST_RENEWALS = 4
 WORTH_RENEWING = 2.0
 """Log-likelihood that a new nominal torque must bring in a step."""
@@ -122,7 +120,6 @@ def _seen_anew(
             if rows is None:
                 return trial, library
             members.append(Member(rows))
-        members = _regridded(nominal, members, other, settings)
         again = fitted(nominal, members, settings)
         if _gain(again, trial) < WORTH_RENEWING:
             break
@@ -150,28 +147,6 @@ def on_own_torque(
     return trial, library
 
 
-def _regridded(
-    nominal: Problem, members: Sequence[Member], library: Library, settings: DiagnosisSettings
-) -> list[Member]:
-    """Each member refined anew from the best grid point of every kind (whole-numbered parameters) it comes in."""
-    result = list(members)
-    for index, member in enumerate(members):
-        if not member.shape:
-            continue
-        rest = fitted(nominal, without(result, index), settings).problem
-        parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
-        whole = [parameter.name for parameter in parameters if parameter.integer]
-        best: dict[tuple[float, ...], Member] = {}
-        for shape in library.grid(member.effect, member.place):
-            rows = library.rows(member.effect, member.place, shape)
-            if rows is not None:
-                kind, rival = tuple(dict(shape)[name] for name in whole), Member(rows)
-                best[kind] = max(best.get(kind, rival), rival, key=lambda item: score_of(rest, item))
-        rivals = [member, *(refine(rest, library, rival) for rival in best.values())]
-        result[index] = max(rivals, key=lambda item: score_of(rest, item))
-    return result
-
-
 def _beside(screen: Screen, trial: Trial) -> Screen:
     return narrowed(screen, trial.problem) if trial.members else screen
 
@@ -179,15 +154,11 @@ def _beside(screen: Screen, trial: Trial) -> Screen:
 def _step(trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings) -> Trial | None:
     """The best set with one member more; None when nothing is gained. screen: beside the members of the trial."""
     taken = {(member.effect.name, member.place) for member in trial.members}
-    found, measured = shortlist(screen, library, taken), trial.nominal.noise_is_measured
-    if not measured:
-        found = _merged(found, shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
+    found = shortlist(screen, library, taken)
     worth = [member for member in found if score_of(trial.problem, member) >= settings.provisional_score]
     if not worth:
         return None
-    best = _best([fitted(trial.nominal, [*trial.members, member], settings, trial) for member in worth])
-    enough = measured or best.likelihood - trial.likelihood >= LEAST_STEP * settings.background_score
-    return best if enough else None
+    return _best([fitted(trial.nominal, [*trial.members, member], settings, trial) for member in worth])
 
 
 def _gain(trial: Trial, before: Trial) -> float:
@@ -218,11 +189,6 @@ def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], l
         if (own := library.rows(rows.effect, rows.place, rows.shape)) is not None:
             chosen[key] = Member(own)
     return [refine(screen.problem, library, member) for member in chosen.values()]
-
-
-def _merged(first: Sequence[Member], second: Sequence[Member]) -> list[Member]:
-    keys = {(member.effect.name, member.place) for member in first}
-    return [*first, *(member for member in second if (member.effect.name, member.place) not in keys)]
 
 
 def polished(
