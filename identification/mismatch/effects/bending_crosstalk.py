@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, Parameter, Place, ShapeParameter
-from identification.mismatch.effects.describe import harmonic, joint_name, linear, size_of
+from identification.mismatch.effects.describe import joint_name, linear, size_of
 from identification.mismatch.effects.dynamics import bending_moments
 from identification.mismatch.effects.own_joint import OwnJointEffect
 from identification.mismatch.motion import Motion
@@ -55,9 +55,10 @@ class BendingCrosstalk(OwnJointEffect):
         )
 
     def certainty(self, estimate: Estimate) -> float:
-        """Of both together: a moment about one axis alone says nothing of the other."""
-        read = harmonic(estimate)
-        return Parameter("sensitivity", read.amplitude, read.amplitude_std, "1").certainty
+        """Of both together: one moment may be as good as zero, or not shown by the motion, and the other is clear."""
+        std = np.maximum(estimate.std, 1e-300)
+        sure, alike = estimate.coefficients / std, estimate.covariance / np.outer(std, std)
+        return float(np.sqrt(max(0.0, sure @ np.linalg.pinv(alike, hermitian=True) @ sure)))
 
     def sentence(self, estimate: Estimate) -> str:
         """How much of each bending moment is read."""

@@ -177,11 +177,22 @@ def test_what_is_too_weak_for_a_name_is_there_though_another_name_took_its_place
     assert there == ((first,) if second_falls else ())
 
 
-def test_a_crosstalk_of_one_bending_moment_is_certain_whichever_moment_it_is() -> None:
-    effect, of_both = effect_named("bending_crosstalk"), np.diag([0.01, 0.01]) ** 2
-    sizes = ((0.1, 0.001), (0.001, 0.1), (0.01, 0.01))
-    certain = [effect.certainty(Estimate(Place(joint=3), {}, np.array(size), of_both)) for size in sizes]
-    assert certain == pytest.approx([10.0, 10.0, np.sqrt(2.0)], rel=1e-3)
+@pytest.mark.parametrize(
+    ("sizes", "deviations", "certain"),
+    [
+        ((0.1, 0.001), (0.01, 0.01), 10.0),
+        ((0.001, 0.1), (0.01, 0.01), 10.0),
+        ((0.01, 0.01), (0.01, 0.01), np.sqrt(2.0)),
+        ((0.1, 0.5), (0.01, 1.0), 10.0),
+        ((0.1, 0.0), (0.01, 1e6), 10.0),
+    ],
+)
+def test_a_crosstalk_of_one_bending_moment_is_certain_whatever_is_known_of_the_other(
+    sizes: tuple[float, float], deviations: tuple[float, float], certain: float
+) -> None:
+    of_both = np.diag(np.square(deviations))
+    estimate = Estimate(Place(joint=3), {}, np.array(sizes), of_both)
+    assert effect_named("bending_crosstalk").certainty(estimate) == pytest.approx(certain, rel=0.02)
 
 
 def push(start_s: float) -> Change:
