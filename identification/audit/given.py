@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS
+from identification.audit.columns import GRAVITY, INERTIAL, PARAMETERS, SYMBOLS
 from identification.audit.rows import Rows
 from identification.base_parameters import BaseRegressor
 from identification.estimators.prior import uniform_bodies
@@ -63,7 +63,7 @@ class Sizes:
         """(n,) Nm, what a residual is weighed by at least: a share of its torque, and of the arm's own weight. Torques
         in another unit may be so far below that weight that the two have no solution together.
         """
-        weight = 9.81 * float(self.mass @ self.length)
+        weight = GRAVITY * float(self.mass @ self.length)
         return np.maximum(1e-4 * self.torque, 1e-6 * weight)
 
 

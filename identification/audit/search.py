@@ -19,10 +19,9 @@ from identification.audit.directions import Directions
 from identification.audit.given import GivenModel, Sizes
 from identification.audit.hypotheses import Hypothesis, hypotheses
 from identification.audit.shown import LEAST_GAIN, MOST_STEPS, Step, several_at_once, share_shown
+from identification.mismatch.settings import ALTERNATIVE
 
 ALIKE = 0.03
-AS_LIKELY = 3.0
-"""Nats within which two hypotheses cannot be told apart."""
 READINGS = 3
 """How many other readings of the data are asked what noise they leave."""
 TURNS = 4
@@ -256,7 +255,7 @@ def _alike(one: Scored, scored: list[Scored]) -> tuple[Hypothesis, ...]:
     def near(other: Scored) -> bool:
         share = ALIKE if item.is_body and other.item.is_body else 0.0
         rivals = one.nats, like.get(other.item.effect, one.nats)
-        return any(abs(other.nats - nats) < max(AS_LIKELY, share * nats) for nats in rivals)
+        return any(abs(other.nats - nats) < max(ALTERNATIVE, share * nats) for nats in rivals)
 
     links = {each.item.link for each in (one, *filter(near, scored)) if each.item.is_body}
     others = {each.item.place: each.item for each in scored if near(each) or each.item.link in links}

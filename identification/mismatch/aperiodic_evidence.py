@@ -24,7 +24,7 @@ from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, fit_parameters, with_nominal, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import BAND_EDGES_HZ
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import MOST, DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.aperiodic import (
@@ -47,8 +47,6 @@ LONGEST_BLOCK_S = 2.0
 FEWEST_ROWS = 8
 GUARD_PERIODS = 1.0
 """Of the cutoff frequency: what is trimmed of a held-out block, half at each end."""
-MOST_STANDSTILL = 0.5
-"""Share of a block in which a joint may stand still before the block says nothing on that joint."""
 WEIGHT_SHARE = 0.1
 SMALLEST_WEIGHT = 1e-6
 ROUNDS = 3
@@ -248,9 +246,10 @@ def _evidence(
     frequency = np.concatenate(
         [np.round(np.arange(block.lines) * 0.5 / ((block.last - block.first) * step) / grid) * grid for block in blocks]
     )
+    # A block in which a joint stands still most of the time says nothing on that joint.
     used = np.concatenate(
         [
-            np.repeat(signals.used[block.first : block.last].mean(axis=0)[None] > 1.0 - MOST_STANDSTILL, block.lines, 0)
+            np.repeat(signals.used[block.first : block.last].mean(axis=0)[None] > MOST, block.lines, 0)
             for block in blocks
         ]
     )

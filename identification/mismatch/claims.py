@@ -34,7 +34,7 @@ from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import Trial, fitted, removal_scores, without
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.unknown.dependence import Dependence
 from identification.recordings.independence import recording_names
 
@@ -195,7 +195,7 @@ def _repeatable(
             parameters = member.effect.parameters(part)
             own, joints = rows, joints_of(member, rows)
             if len(parts) > 1:
-                if parameters[0].certainty < CERTAIN or member.effect.is_impossible(part.coefficients, part.std):
+                if member.effect.certainty(part) < CERTAIN or member.effect.is_impossible(part.coefficients, part.std):
                     continue
                 joints = [joint_index(part.place)]
                 own = np.where(np.isin(np.arange(problem.n), joints)[:, None], rows, 0.0)
@@ -213,7 +213,7 @@ def _repeatable(
                     shape=member.shape,
                     absorbed_fraction=1.0 - float(visible @ visible) / max(float(whitened @ whitened), 1e-300),
                     score=scores[index],
-                    significance=significance(scores[index], len(member.selection), len(result.candidates)),
+                    significance=significance(scores[index], member.rows.coefficients, len(result.candidates)),
                     sentence=_sentence(member.effect.sentence(part), others, gain.size > 0),
                     where=where,
                     heldout_gain_nm=gain,
@@ -233,7 +233,7 @@ def _clear_share(before: Residuals, after: Residuals, joints: Sequence[int]) -> 
     """Share of the excess energy that is gone; nan where the excess itself does not stand clear of the noise."""
     chosen = list(joints)
     spread = float(np.sqrt((before.excess_deviation[chosen] ** 2).sum()))
-    if float(before.excess_energy[chosen].sum()) < 2.0 * spread:
+    if float(before.excess_energy[chosen].sum()) < CERTAIN * spread:
         return float("nan")
     return min(1.0, share_removed(before, after, joints)[0])
 
@@ -282,7 +282,7 @@ def between_periods(changes: Sequence[Change], names: Sequence[str]) -> list[Fin
     found = []
     for change in changes:
         rms = np.sqrt((change.contribution**2).mean(axis=0).sum(axis=0))
-        joints = [int(joint) + 1 for joint in np.flatnonzero(rms > 0.1 * rms.max(initial=0.0))]
+        joints = [int(joint) + 1 for joint in np.flatnonzero(rms > CAPTURE * rms.max(initial=0.0))]
         by_period = (change.contribution**2).sum(axis=(1, 2))
         periods = [int(period) for period in np.flatnonzero(by_period > 0.05 * by_period.max(initial=0.0))]
         place, causes = change.estimate.place, [change.effect.name, *(item.effect for item in change.alternatives)]

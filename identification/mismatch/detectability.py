@@ -21,16 +21,13 @@ from identification.mismatch.effects.base import Effect, Estimate, Parameter, Pl
 from identification.mismatch.effects.equivalence import Relation, relation
 from identification.mismatch.evidence import PlannedRows, Rows
 from identification.mismatch.motion import Motion
+from identification.mismatch.problem import orthonormal
 from identification.mismatch.search.library import evaluate
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ROUNDING, DiagnosisSettings
 from identification.signals.periodic import to_lines
 
 ORACLE_STRENGTH = 24.0
 """λ at which a test that knows the effect's waveform sees it in 99 % of recordings, at 1 % false alarms."""
-
-# Share of an effect's energy below which what is left is rounding: nothing of it can be seen.
-NOTHING_LEFT = 1e-9
-_RANK = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +62,7 @@ class Candidate:
     @property
     def identifiable(self) -> bool:
         """Whether anything is left to be seen."""
-        return 1.0 - self.absorbed_fraction > NOTHING_LEFT
+        return 1.0 - self.absorbed_fraction > ROUNDING
 
     def smallest(self, needed: float = ORACLE_STRENGTH) -> Parameter:
         """Smallest size with λ = needed, as the effect's first parameter; inf (its unit) where nothing is left.
@@ -110,7 +107,7 @@ def candidates(rows: Sequence[Rows], effects: Sequence[Effect] = EFFECTS) -> tup
     """
     nominal = np.concatenate([_whitened(part.nominal, part.noise) for part in rows], axis=1)
     joints, count, parameters = nominal.shape
-    blocks = _orthonormal(nominal.reshape(joints * count, parameters)).reshape(joints, count, -1)
+    blocks = orthonormal(nominal.reshape(joints * count, parameters)).reshape(joints, count, -1)
     found = []
     noise = np.concatenate([part.noise for part in rows])
     for effect, place, shape in _points(rows[0].motion, effects):
@@ -154,14 +151,8 @@ def _whitened(values: FloatArray, noise: FloatArray) -> FloatArray:
     return np.ascontiguousarray((values / noise[..., None]).transpose(1, 0, 2))
 
 
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    """Orthonormal columns of the space of those that the motion lets vary."""
-    norms = np.linalg.norm(columns, axis=0)
-    return np.linalg.qr(columns[:, norms > _RANK * norms.max()])[0]
-
-
 def _space(rest: FloatArray, energy: FloatArray) -> FloatArray:
     """Orthonormal columns of what is left, without directions that are rounding of the whole."""
     scale = np.sqrt(np.where(energy > 0.0, energy, 1.0))
     left, values, _ = np.linalg.svd(rest / scale, full_matrices=False)
-    return np.asarray(left[:, values > math.sqrt(NOTHING_LEFT)])
+    return np.asarray(left[:, values > math.sqrt(ROUNDING)])

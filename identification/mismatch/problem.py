@@ -13,14 +13,12 @@ import numpy as np
 
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.evidence import Evidence, rows_of_each
+from identification.mismatch.settings import ROUNDING
 
 # Upper edges (Hz) of the bands in which misfit is tested: line 0 alone, then about half an octave to an octave each.
 BAND_EDGES_HZ = (0.01, 0.25, 0.55, 0.95, 1.55, 2.55, 4.05, 6.55, 10.05, 16.05, 25.05, 40.05)
-# Columns scaled to one; directions below this share of the largest are not determined by the motion.
-RANK_TOLERANCE = 1e-9
+# Of columns scaled to one: directions below this share of the largest are not determined by normal equations.
 QUICK_RANK_TOLERANCE = 1e-6
-# A column of which less than this share of the energy is left is swallowed by the base parameters up to rounding.
-SWALLOWED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +162,7 @@ def _quick_basis(columns: FloatArray) -> FloatArray:
     return np.asarray(scaled @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)
 
 
-def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
+def orthonormal(columns: FloatArray, tolerance: float = ROUNDING) -> FloatArray:
     """Orthonormal basis of the space the columns span, each scaled to one, directions below the tolerance left out."""
     norms = np.linalg.norm(columns, axis=0)
     present = norms > 0.0

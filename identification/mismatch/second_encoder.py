@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray
+from identification.mismatch.settings import MOST
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import cutoff_of, sixth_order_difference, zero_phase_low_pass
 
@@ -21,8 +22,6 @@ CLAIMS = {"delay": (0,), "elasticity": (1,), "delay and elasticity": (0, 1)}
 """Columns of q̇ and τ that each claim uses beside a constant."""
 WORTH_A_SECOND = 0.8
 """Both claims together are made only if they leave less than this share of what the better one alone leaves."""
-EXPLAINS = 0.5
-"""A claim that leaves more than this share of the difference on unseen data is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +124,8 @@ def _judged(joint: int, parts: Sequence[_Part], others: Sequence[_Part]) -> Enco
     best = min((claim for claim in possible if claim != "delay and elasticity"), key=lambda claim: left[claim])
     if "delay and elasticity" in possible and left["delay and elasticity"] < WORTH_A_SECOND * left[best]:
         best = "delay and elasticity"
-    claim = best if left[best] < EXPLAINS else "neither"
+    # A claim that leaves most of the difference on unseen data is none.
+    claim = best if left[best] < MOST else "neither"
     made = values.get(claim, {})
     return EncoderDifference(
         joint + 1, claim, float(np.sqrt(np.mean(target**2))), left, made.get(0, 0.0), made.get(1, 0.0)

@@ -33,17 +33,18 @@ FADE = 0.25
 """Distance beyond the fitted range, as a share of it, over which a class fades to zero."""
 FOLDS = 5
 """Parts of a recording without periods that are predicted from the others."""
-RIVAL = 0.5
-"""Share of a name's torque that a class must be able to carry, and of its nats that it must lose to the name, to be its
-rival."""
 CAPTURE = 0.1
-"""Share of what is named that may be something else, of what two recordings differ by and of a name's energy."""
+"""Share of a whole that may be something else: of a name, of a difference between recordings, of what shows most."""
 LEAST_SHOWN = 2.0 * ALTERNATIVE / CAPTURE
 """λ that a name needs: one that shows less may as well be another torque which shares all of λ but `CAPTURE`."""
 DIFFERENT = 1e-3
 """Chance below which figures of two recordings, or of fitted and held-out rows, differ."""
 UNLIKELY = 1e-4
 """Chance, over all that was looked at, below which what is seen is no noise."""
+ROUNDING = 1e-9
+"""Share of a whole below which what is left of it is rounding."""
+MOST = 0.5
+"""Share of a whole beyond which it is most of it: of a name's torque and nats, a misfit, a difference, a block."""
 CLEARLY = 4.0
 """Deviations beyond which one figure is not another: a chance of 6e-5, of 3e-5 to one side."""
 

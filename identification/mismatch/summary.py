@@ -10,7 +10,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.mismatch.between_recordings import difference_sentence, held_out_misfits
 from identification.mismatch.claims import Claims
-from identification.mismatch.detectability import NOTHING_LEFT, ORACLE_STRENGTH
+from identification.mismatch.detectability import ORACLE_STRENGTH
 from identification.mismatch.detectability import Candidate as Visible
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence, rows_of_each, rows_to_time
@@ -34,7 +34,7 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, spread
 from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.search import SearchResult
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ROUNDING, DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim
 
 MUCH = 3.0
@@ -113,7 +113,7 @@ def _visibility(
         plain = columns.T @ columns
         strength, energy = plain - shadow.T @ shadow, np.diag(plain).copy()
         visible = Visible(item.effect, place, dict(item.shape), strength, energy, np.zeros((0, 0)))
-        if visible.absorbed_fraction > 1.0 - NOTHING_LEFT:
+        if visible.absorbed_fraction > 1.0 - ROUNDING:
             hidden.append(NotIdentifiable(name, place, "the base parameters take up all of it in this motion"))
             continue
         size = visible.smallest(max(needed, ORACLE_STRENGTH))

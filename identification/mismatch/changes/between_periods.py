@@ -37,8 +37,6 @@ WINDOW_MARGIN_S = 0.1
 CLOSING_POINTS = 9
 BESIDE_FLAGGED_S = 0.5
 """A jolt rings on for about as long beside the rows that stand out of it."""
-RESIDUE_MARGIN = 0.35
-"""A contact nearer to a stronger one than this share of the longer duration is taken for its residue."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +159,7 @@ def _search(
         weakest = int(np.argmax(chances))
         if chances[weakest] <= bound:
             changes = [_change(number, contrasts, *pair) for pair in zip(claimed, fits, strict=True)]
-            certainty = [change.effect.parameters(change.estimate)[0].certainty for change in changes]
+            certainty = [change.effect.certainty(change.estimate) for change in changes]
             weakest = int(np.argmin(certainty))
             if certainty[weakest] >= CERTAIN:
                 return changes
@@ -260,7 +258,7 @@ def _joint_fit(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Fit]:
 
 
 def _merge_contacts(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[Candidate]:
-    """Contacts at one place of several periods are one that comes back; one beside a stronger one is its residue.
+    """Contacts at one place of several periods are one that comes back.
 
     The link of a weak return is less certain than that of the strongest, so the strongest names it.
     """
@@ -272,9 +270,6 @@ def _merge_contacts(contrasts: Contrasts, claimed: Sequence[Candidate]) -> list[
                 continue
             length = other.span_s[1] - other.span_s[0]
             starts = [value for name, value in other.shape.items() if name.startswith("start_")]
-            beside = RESIDUE_MARGIN * max(length, candidate.span_s[1] - candidate.span_s[0])
-            if any(candidate.span_s[0] < at + length + beside and candidate.span_s[1] > at - beside for at in starts):
-                break
             apart = (sum(candidate.span_s) - sum(other.span_s)) / 2.0
             if abs((apart + 0.5 * period) % period - 0.5 * period) < 0.5 * length:
                 came_back = other.shape["start_s"] + round(apart / period) * period

@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 from identification.mismatch.evidence import Evidence
@@ -22,12 +21,6 @@ from identification.mismatch.noise import NEIGHBOURS_OF_LINE_ZERO
 
 FORGETS_S = np.geomspace(0.003, 1.0, 6)
 """Times within which noise forgets, so that a jump where a period ends fades; the ramp stands beside them."""
-LOWEST_HUM_HZ = 25.0
-"""Below, the motion and the changes themselves have single lines."""
-HUM_OVER_NEIGHBOURS = 5.0
-HUM_NEIGHBOURS = 41
-UNSTEADY_BAND_HZ = (20.0, 40.0)
-UNSTEADY = 1.5
 _RELATIVE_CUTOFF = 1e-10
 
 
@@ -69,9 +62,7 @@ class Contrasts:
         self.motion = evidence.motion
         self.periods = evidence.periods
         deviation = np.sqrt(evidence.periods) * evidence.noise
-        counts = evidence.used & ~_hum(evidence)
-        self.weight: FloatArray = np.where(counts, 1.0 / np.maximum(deviation, 1e-300), 0.0)
-        self.weight /= np.sqrt(_unsteadiness(evidence, self.weight))
+        self.weight: FloatArray = np.where(evidence.used, 1.0 / np.maximum(deviation, 1e-300), 0.0)
         self.seam: FloatArray = _seam(evidence, self.weight)
         self.z: FloatArray = self.whiten(evidence.period_torque[..., None], range(evidence.n))[..., 0]
         self._repeated: dict[tuple[str, Place, tuple[float, ...]], tuple[tuple[int, ...], FloatArray, FloatArray]] = {}
@@ -206,39 +197,6 @@ def _seam(evidence: Evidence, weight: FloatArray) -> FloatArray:
     ]
     rows = evidence.project(np.concatenate(jumps, axis=1))
     return np.stack([np.linalg.qr(rows * own[:, None])[0] for own in weight.T], axis=1)
-
-
-def _unsteadiness(evidence: Evidence, weight: FloatArray) -> FloatArray:
-    """(n,) how much more the periods differ than successive ones do, 1 where that is nothing unusual.
-
-    Told by the band UNSTEADY_BAND_HZ, which changes hardly reach, as a median over periods and lines. Hum whose phase
-    turns slowly stands there with its skirts: alike from one period to the next, different in the long run.
-    """
-    assert evidence.period_torque is not None
-    rows = (evidence.period_torque - evidence.period_torque.mean(axis=0)) * weight
-    frequency = evidence.frequency[1::2]
-    band = (frequency > UNSTEADY_BAND_HZ[0]) & (frequency < UNSTEADY_BAND_HZ[1])
-    if not band.any():
-        return np.ones(evidence.n)
-    energy = (rows[:, 1::2] ** 2 + rows[:, 2::2] ** 2)[:, band]
-    median_of_noise = 2.0 * np.log(2.0) * (1.0 - 1.0 / evidence.periods)
-    ratio = np.median(energy, axis=(0, 1)) / median_of_noise
-    return np.where(ratio > UNSTEADY, ratio, 1.0)
-
-
-def _hum(evidence: Evidence) -> BoolArray:
-    """(R, n) rows above the motion's band on which the periods differ far more than on the lines around.
-
-    Mains hum that is not in step with the periods turns its phase from one to the next. The noise of a line is that of
-    its neighbourhood, which a single line hardly lifts.
-    """
-    assert evidence.period_torque is not None
-    rows = evidence.period_torque
-    energy = ((rows - rows.mean(axis=0)) ** 2).sum(axis=0)
-    lines = energy[1::2] + energy[2::2]
-    usual = median_filter(lines, (HUM_NEIGHBOURS, 1), mode="nearest")
-    humming = (lines > HUM_OVER_NEIGHBOURS * usual) & (evidence.frequency[1::2, None] > LOWEST_HUM_HZ)
-    return np.concatenate([np.zeros((1, evidence.n), dtype=np.bool_), np.repeat(humming, 2, axis=0)])
 
 
 def solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, int]:

@@ -17,20 +17,17 @@ from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import FEWEST_PERIODS, Change, with_level
 from identification.mismatch.changes.contact_search import without_outliers
 from identification.mismatch.changes.contrasts import Contrasts
-from identification.mismatch.changes.lasting import COURSE_MARGIN
-from identification.mismatch.effects.base import Estimate, Place
+from identification.mismatch.effects.base import CERTAIN, Estimate, Place
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import PRIOR_COST, DiagnosisSettings
 
 SETTLING = (0.2, 0.5)
 """Time constants tried beside the even course, as shares of the recording; a shorter one is all but an offset."""
-LEAST_BETWEEN = 4.0
-"""Drop of the whitened squares of the contrasts below which a course is not asked: two deviations of its size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +73,7 @@ def find_drift_in_mean(
             found = _weighed(problem, number, contrasts.z[:, :, course.joint], course, result, settings)
             if found is None:
                 continue
-            worth = found[0] - (0.0 if course.shape["course"] == LINEAR else 0.5 * COURSE_MARGIN)
+            worth = found[0] - (0.0 if course.shape["course"] == LINEAR else PRIOR_COST)
             if best is None or worth > best[0]:
                 best = worth, found[1]
     return None if best is None else best[1]
@@ -120,7 +117,7 @@ def _weighed(
     """
     length = float(np.vdot(course.contrasts, course.contrasts))
     alone = float(np.vdot(course.contrasts, target))
-    if alone**2 < LEAST_BETWEEN * length:
+    if alone**2 < CERTAIN**2 * length:
         return None
     # The even course has half of the chance of a false name to itself, as where contrasts alone are asked.
     cost = float(np.log(2.0 if course.shape["course"] == LINEAR else 2.0 * len(SETTLING)))

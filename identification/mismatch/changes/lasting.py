@@ -28,6 +28,7 @@ from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.effects.payload_change import PayloadChange
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, STEP, TorqueSensorDrift
+from identification.mismatch.settings import PRIOR_COST
 
 LONGEST_TIME = 5.0
 """Recordings' lengths beyond which a fading course is a straight line, to a fortieth: no time constant is told."""
@@ -38,8 +39,6 @@ PAYLOAD_PROVEN = -6.0
 MOMENTS_PER_PERIOD = 3.0
 """How many moments of a change the best of all is worth: with these, noise alone comes below a chance of p in a share p
 of recordings (280 of white and slow noise on three motions; 4 % below 0.1, 1 % below 0.01)."""
-COURSE_MARGIN = 8.0
-"""A course with a time of its own must gain this much more than the linear one."""
 
 
 def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collection[int]) -> Candidate | None:
@@ -74,7 +73,8 @@ def find_drift(contrasts: Contrasts, effect: TorqueSensorDrift, closed: Collecti
                 )  # fmt: skip
                 shape = {"course": float(STEP), "time_s": moment}
         best[course] = (shape, fit_of(contrasts, effect, place, shape))
-    chosen = max(best, key=lambda course: best[course][1].gain - (COURSE_MARGIN if course != LINEAR else 0.0))
+    # A course with a time of its own costs what a hypothesis does.
+    chosen = max(best, key=lambda course: best[course][1].gain - (2.0 * PRIOR_COST if course != LINEAR else 0.0))
     shape, fit = best[chosen]
     if chosen == LINEAR:
         shape = {"course": float(LINEAR)}

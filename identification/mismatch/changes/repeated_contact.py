@@ -26,20 +26,16 @@ from identification.mismatch.heldout import misfit_probability, residuals
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
-from identification.mismatch.search.library import COEFFICIENT_COST, Library
+from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
-from identification.mismatch.settings import UNLIKELY, DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, CAPTURE, MOST, UNLIKELY, DiagnosisSettings
 from identification.signals.periodic import to_lines
 
 SHARE_OF_NARROWEST = 0.125
 """Distance of the windows that are tried, as a share of their duration."""
 FEWEST_JOINTS = 2
-LEAST_SHARE = 0.5
-"""Share of all misfit that a push makes at least: beside more than that of other kinds none is looked for."""
-FELT = 0.1
-"""Share of the push's energy on its loudest joint, in units of the noise, that another joint it acts on has."""
 
 
 def find_repeated_contact(
@@ -61,14 +57,15 @@ def find_repeated_contact(
         return None
     known = 0.5 * (result.before.squares - result.trial.penalised) if result.trial.complete else 0.0
     misfit = excess_per_row(problem)
-    least = max(known + settings.push_score, 0.5 * LEAST_SHARE * misfit * _rows_that_count(problem))
+    # A push makes most of all misfit: beside more than that of other kinds none is looked for.
+    least = max(known + settings.push_score, 0.5 * MOST * misfit * _rows_that_count(problem))
     scans = [
         (MeanGround(problem, number, evidence), number)
         for number, evidence in enumerate(evidences)
         if evidence.motion.periodic
     ]
     hopeful = [(*pair, scan) for pair in scans if (scan := _scan(pair[0])).may_reach(least)]
-    if not hopeful or another_motion() > (1.0 - LEAST_SHARE) * misfit:
+    if not hopeful or another_motion() > (1.0 - MOST) * misfit:
         return None
     found = [_on_recording(ground, number, scan, least) for ground, number, scan in hopeful]
     return max((item for item in found if item is not None), key=lambda item: item.score, default=None)
@@ -117,7 +114,7 @@ def misfit_elsewhere(
     """
     left = residuals(extend(problem, members), library.evidences, library, torque)
     loudness = ((push.contribution[0] * problem.weight[:, problem.evidence == push.evidence].T) ** 2).sum(axis=0)
-    felt = loudness >= FELT * loudness.max()
+    felt = loudness >= CAPTURE * loudness.max()
     chance = misfit_probability(left, library.evidences)[felt]
     return bool(chance.min() < settings.consistency_probability)
 
@@ -227,7 +224,7 @@ class Scan:
     @property
     def cost(self) -> float:
         """Log-likelihood that the choice of the window costs."""
-        return COEFFICIENT_COST * (len(WINDOW) + 2) + float(np.log(max(self.tests, 1.0)))
+        return ALTERNATIVE * (len(WINDOW) + 2) + float(np.log(max(self.tests, 1.0)))
 
     def may_reach(self, score: float) -> bool:
         """Whether a push in a refined window may score so much."""

@@ -29,6 +29,7 @@ from identification.mismatch.data_faults.thinned import (
 )
 from identification.mismatch.data_faults.torque_signs import signs_of_stretches
 from identification.mismatch.findings import DataFault
+from identification.mismatch.settings import ROUNDING
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Finding, Recording
@@ -48,7 +49,6 @@ ROW_FAULTS = {
 }
 """Kinds of what is found in rows. A row or a value that is repeated stands for a sample that did not come."""
 TIME_BASE_COST_RATIO = 1.3
-_CUTOFF = 1e-9
 
 
 def find_data_faults(recordings: Sequence[Recording], regressor: BaseRegressor) -> tuple[tuple[DataFault, ...], ...]:
@@ -186,7 +186,7 @@ class _ClockCost:
             start=np.zeros_like(self.grams[0, 0]),
         )
         right = self.rights[0] + r * self.rights[1] + r**2 * self.rights[2]
-        values = shortest_solution(gram, right, _CUTOFF)
+        values = shortest_solution(gram, right, ROUNDING)
         return max(self.squares - float(values @ right), 1e-12 * self.squares), values
 
     def best(self) -> float:

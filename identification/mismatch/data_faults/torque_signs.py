@@ -27,15 +27,13 @@ from identification.mismatch.data_faults.thinned import (
     torque_beside,
     transposed,
 )
-from identification.mismatch.settings import ALTERNATIVE, SPEAK
+from identification.mismatch.settings import ALTERNATIVE, ROUNDING, SPEAK
 from identification.recordings.recording import Recording
 
 ROUNDS = 6
 MOST_TURNED = 3
 """Joints turned against all others: every pattern of an arm with seven."""
 RIDGE = 1e-10
-ABSENT = 1e-9
-"""Share of the longest column below which the motion does not ask for a base parameter."""
 SMALLEST_RESIDUAL = 1e-12
 """Share of a torque's squares below which a residual is rounding."""
 
@@ -149,7 +147,7 @@ def _profile(
     numbers = np.repeat([item.numbers for item in recordings], recordings[0].squares.shape[1])
     floor = np.maximum(SMALLEST_RESIDUAL * squares[0], 1e-300)
     scale = np.sqrt(np.einsum("cpp,c->p", gram[0], numbers / np.maximum(squares[0], floor)))
-    scale[scale < ABSENT * scale.max()] = np.inf
+    scale[scale < ROUNDING * scale.max()] = np.inf
     gram, seen = gram / np.outer(scale, scale), seen / scale
     size = scale.size
     left = np.maximum(np.repeat(squares[:, None], len(signs), axis=1), floor)

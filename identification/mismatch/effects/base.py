@@ -168,6 +168,10 @@ class Effect(ABC):
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """The physical parameters of an estimate, by the names and units that diagnosis.json shows."""
 
+    def certainty(self, estimate: Estimate) -> float:
+        """Standard deviations that its size is away from zero."""
+        return self.parameters(estimate)[0].certainty
+
     @abstractmethod
     def sentence(self, estimate: Estimate) -> str:
         """What an operator reads: the effect, the joint, the size, in one sentence."""

@@ -54,6 +54,12 @@ class BendingCrosstalk(OwnJointEffect):
             linear("sensitivity_y", estimate, "%", index=1, scale=100.0),
         )
 
+    def certainty(self, estimate: Estimate) -> float:
+        """Of both together: one moment may be as good as zero, or not shown by the motion, and the other is clear."""
+        std = np.maximum(estimate.std, 1e-300)
+        sure, alike = estimate.coefficients / std, estimate.covariance / np.outer(std, std)
+        return float(np.sqrt(max(0.0, float(sure @ np.linalg.pinv(alike, hermitian=True) @ sure))))
+
     def sentence(self, estimate: Estimate) -> str:
         """How much of each bending moment is read."""
         x, y = self.parameters(estimate)

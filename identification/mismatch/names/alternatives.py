@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from scipy.stats import chi2
 
-from identification.arrays import FloatArray
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.findings import Alternative
 from identification.mismatch.problem import Problem, off, orthonormal, spread
@@ -64,13 +63,12 @@ def _near(trial: Trial, rest: Trial, best: float, screen: Screen, settings: Diag
     """Candidates on the grid that may come near a score of `best` once refined, one of each effect and joint."""
     taken = {(item.effect.name, item.place.joint) for item in trial.members}
     chosen: dict[tuple[str, int | None], Member] = {}
-    for score, variant in gains(narrowed(screen, rest.problem) if rest.members else screen):
-        rows = screen.candidates[variant.index]
+    for score, rows in gains(narrowed(screen, rest.problem) if rest.members else screen):
         key = (rows.effect.name, rows.place.joint)
         if score < GROWS * (best - settings.margin_of_indistinguishable) or len(chosen) >= MOST_ALTERNATIVES:
             break
         if key not in taken and key not in chosen:
-            chosen[key] = Member(rows, variant.selection)
+            chosen[key] = Member(rows)
     return list(chosen.values())
 
 
@@ -88,15 +86,9 @@ def own_score(
 
 
 def contains(problem: Problem, larger: Member, smaller: Member) -> bool:
-    """Whether the smaller member is a special case of the larger one with all its columns, off all that is fitted.
-
-    Not where the columns that are used are the same space: then the two are one torque under two names.
-    """
-
-    def space(item: Member, rows: FloatArray) -> FloatArray:
-        return orthonormal(off(problem.basis, spread(problem, item.rows.joints, rows)), tolerance=1e-6)
-
-    own = space(smaller, smaller.used_rows())
-    if relation(own, space(larger, larger.used_rows())).kind == "identical":
-        return False
-    return relation(own, space(larger, larger.rows.rows)).kind == "first_in_second"
+    """Whether the smaller member is a special case of the larger one, off all that is fitted."""
+    spaces = [
+        orthonormal(off(problem.basis, spread(problem, item.rows.joints, item.rows.rows)), tolerance=1e-6)
+        for item in (smaller, larger)
+    ]
+    return relation(*spaces).kind == "first_in_second"

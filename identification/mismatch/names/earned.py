@@ -10,7 +10,7 @@ from identification.mismatch.names.examination import Check, Examination
 from identification.mismatch.names.objections import Objection
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.trial import Trial, without
-from identification.mismatch.settings import DIFFERENT, RIVAL
+from identification.mismatch.settings import DIFFERENT, MOST
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.named import Named, Standing, held_beside, named, standings
 
@@ -70,7 +70,7 @@ class AgainstClasses:
         square = before.rms_nm[joints] ** 2
         taken = (rest.rms_nm**2 - now.rms_nm**2)[joints] / square
         there = 1.0 - self.dependence.after[1][joints] ** 2 / square
-        return bool(taken.sum() >= RIVAL * there.sum())
+        return bool(taken.sum() >= MOST * there.sum())
 
     def _named(self, trial: Trial, check: Check) -> list[Named]:
         elsewhere = None if self.exam.unseen is None else self.exam.unseen.library

@@ -16,7 +16,7 @@ from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import Trial
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import CAPTURE, DiagnosisSettings
 from identification.mismatch.unknown.named import shown_on
 
 
@@ -89,7 +89,7 @@ def joints_of(member: Member, torque: FloatArray) -> list[int]:
     energy = (torque**2).sum(axis=1)
     if len(member.rows.joints) == 1:
         return list(member.rows.joints)
-    return [joint for joint in member.rows.joints if energy[joint] >= 0.1 * energy.max()]
+    return [joint for joint in member.rows.joints if energy[joint] >= CAPTURE * energy.max()]
 
 
 def name_of(effect: str, joint: int | None) -> str:

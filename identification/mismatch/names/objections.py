@@ -40,8 +40,8 @@ def without_objection(
     """The members that no rule objects to, fitted without the others; sentences on these; those of them that are there.
 
     The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
-    that objects. Before it goes it is asked with all its columns; in its place the best of the names is asked that the
-    fitted recordings cannot tell from it.
+    that objects. In its place the best of the names is asked that the fitted
+    recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
     # Of a name that took the place of another: what is there though it was too weak for the first of them.
@@ -54,10 +54,6 @@ def without_objection(
         if objecting is None:
             break
         worst = min(objections, key=lambda item: item.worth)
-        whole = _with_all_columns(exam, trial, worst.index)
-        if whole is not None and all(item.index != worst.index for item in objecting(whole)):
-            trial = whole
-            continue
         member = trial.members[worst.index]
         fallen.add((member.effect.name, member.place))
         first = behind.pop((member.effect.name, member.place), member if worst.there else None)
@@ -87,19 +83,6 @@ def without_objection(
             if (effect, place) in standing
         ]
     return trial, remarks, tuple(there)
-
-
-def _with_all_columns(exam: Examination, trial: Trial, index: int) -> Trial | None:
-    """With all columns of a member that the search gave some of them; None where it has them all.
-
-    A column that the fitted recordings hardly ask for is left out; another motion may need it.
-    """
-    member = trial.members[index]
-    whole = Member(member.rows, tuple(range(member.rows.coefficients)))
-    if whole.selection == member.selection:
-        return None
-    members = [whole if place == index else item for place, item in enumerate(trial.members)]
-    return fitted(exam.problem, members, exam.settings, trial)
 
 
 def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set[tuple[str, Place]]) -> Trial | None:
@@ -147,7 +130,7 @@ def untenable(exam: Examination, trial: Trial) -> list[Objection]:
         estimate = own.estimate(member, coefficients)
         # On every joint at once: the surest one speaks for all.
         certainty, surest = max(
-            ((member.effect.parameters(part)[0].certainty, part) for part in member.effect.parts(estimate)),
+            ((member.effect.certainty(part), part) for part in member.effect.parts(estimate)),
             key=lambda pair: pair[0],
         )
         why = ""

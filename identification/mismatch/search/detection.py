@@ -53,34 +53,31 @@ def _power(problem: Problem, residual: FloatArray, taken: FloatArray) -> BandPow
     # Neighbouring lines share one estimate of the noise: the freedom of a band is that of its rows' mean, not sum.
     size = np.bincount(problem.band, minlength=problem.bands)
     mean_freedom = np.where(size > 0, _sum_bands(problem, problem.freedom) / np.maximum(size, 1), 1.0)
-    noise_freedom = np.maximum(mean_freedom, freedom * 0.5)
     tested = freedom > LEAST_FREEDOM
     ratio = np.where(tested, power / np.where(tested, freedom, 1.0), 1.0)
-    probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), noise_freedom), 1.0)
+    probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), mean_freedom), 1.0)
     return BandPower(ratio, freedom, probability)
 
 
-def located(nominal: Problem, problem: Problem, power: BandPower, rounds: int = 3) -> tuple[FloatArray, BandPower]:
-    """Misfit where it sits: the inflation (n, R) of the noise by it, and the residual's power in units of the noise.
+def located(nominal: Problem, problem: Problem, power: BandPower, rounds: int = 3) -> BandPower:
+    """The residual's power in units of the noise, misfit where it sits.
 
     In a fit weighted by the noise alone, a large misfit on one joint bends base parameters and shows on clean joints
     too. Here every joint and band counts as much as it fits; a few rounds of that leave misfit on its own joint.
     nominal: the problem that `problem` extends. Weights are the same throughout a joint's band, so that a round needs
     only the products of the basis within each.
     """
-    inflation = np.ones_like(problem.noise)
     products: tuple[FloatArray, FloatArray] | None = None
     for _ in range(rounds):
         if not is_inflated(power):
             break
-        inflation = inflation_of(problem, power)
         products = _products(nominal, problem) if products is None else products
         weight = 1.0 / _per_band(power)
         inverse = np.linalg.inv(np.tensordot(weight, products[0], 2))
         moved = inverse @ np.tensordot(weight, products[1], 2)
         taken = weight * np.tensordot(products[0], inverse, 2)
         power = _power(problem, problem.residual - problem.basis @ moved, taken)
-    return inflation, power
+    return power
 
 
 def _products(nominal: Problem, problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -133,11 +130,6 @@ def pooled_low_bands(power: BandPower) -> tuple[FloatArray, FloatArray]:
 def is_inflated(power: BandPower) -> bool:
     """Whether a power holds misfit anywhere, so that it tells where another residual's may sit."""
     return bool(np.any(np.sqrt(_per_band(power)) >= BARELY_INFLATED))
-
-
-def inflation_of(problem: Problem, power: BandPower) -> FloatArray:
-    """(n, R) factor on the noise's deviation that makes the residual's power what it is, never below one."""
-    return np.asarray(np.sqrt(_per_band(power))[:, problem.band], dtype=np.float64)
 
 
 def _per_band(power: BandPower) -> FloatArray:

@@ -32,9 +32,9 @@ BLOCKS = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extension:
-    """Base parameters (p,), coefficients of each member (all its columns, zeros where not used), covariance of all.
+    """Base parameters (p,), coefficients of each member, covariance of all.
 
-    covariance: (p + Σ used, ·) of base parameters and used coefficients, from the noise. loose: (p, p) factor L whose
+    covariance: (p + Σ m, ·) of base parameters and coefficients, from the noise. loose: (p, p) factor L whose
     product L Lᵀ is the covariance of the base parameters alone, directions the motion leaves open with a huge one.
     problem: the nominal one it was fitted to.
     """
@@ -65,10 +65,8 @@ def extend(nominal: Problem, members: Sequence[Member]) -> Extension:
     solution = inverse @ (left[:, kept].T @ target)
     coefficients, position = [], size
     for member in members:
-        full = np.zeros(member.rows.coefficients)
-        full[list(member.selection)] = solution[position : position + len(member.selection)]
-        coefficients.append(full)
-        position += len(member.selection)
+        coefficients.append(solution[position : position + member.rows.coefficients])
+        position += member.rows.coefficients
     return Extension(tuple(members), solution[:size], tuple(coefficients), inverse @ inverse.T, loose, nominal)
 
 
@@ -120,13 +118,13 @@ def prediction_scatter(extension: Extension, nominal: FloatArray, library: Libra
     position = 0
     for member in extension.members:
         there = library.rows(member.effect, member.place, member.rows.shape)
-        used = slice(position, position + len(member.selection))
+        own = slice(position, position + member.rows.coefficients)
         if there is not None:
-            columns[list(there.joints), :, used] = there.rows[:, :, list(member.selection)]
-        position += len(member.selection)
-    own = extension.covariance[extension.base.size :, extension.base.size :]
+            columns[list(there.joints), :, own] = there.rows
+        position += member.rows.coefficients
+    among = extension.covariance[extension.base.size :, extension.base.size :]
     shared = extension.covariance[:size, extension.base.size :]
-    values, vectors = np.linalg.eigh(own)
+    values, vectors = np.linalg.eigh(among)
     kept = values > 1e-12 * values[-1]
     root = vectors[:, kept] * np.sqrt(values[kept])
     drag = shared @ (vectors[:, kept] / np.sqrt(values[kept]))
@@ -135,8 +133,8 @@ def prediction_scatter(extension: Extension, nominal: FloatArray, library: Libra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
-    """Of one member: covariance of all its columns' coefficients (zeros where not used), deviations of its shape and
-    their covariance (m,) with the coefficients.
+    """Of one member: covariance of its coefficients, deviations of its shape and their covariance (m,) with
+    these.
     """
 
     covariance: FloatArray
@@ -175,17 +173,14 @@ def uncertainties(
     if coloured:
         covariance = no_narrower(inverse @ _block_products(nominal, columns, residual) @ inverse, covariance)
     result = []
-    for index, member in enumerate(extension.members):
-        full = np.zeros((member.rows.coefficients, member.rows.coefficients))
+    for index in range(len(extension.members)):
         own = [position for position, label in enumerate(labels) if label[0] == index and isinstance(label[1], int)]
-        full[np.ix_(member.selection, member.selection)] = covariance[np.ix_(own, own)]
         shape, together = dict[str, float](), dict[str, FloatArray]()
         for position, (of_member, name) in enumerate(labels):
             if of_member == index and isinstance(name, str):
                 shape[name] = float(np.sqrt(max(covariance[position, position], 0.0)))
-                together[name] = np.zeros(member.rows.coefficients)
-                together[name][list(member.selection)] = covariance[position, own]
-        result.append(Uncertainty(full, shape, together))
+                together[name] = covariance[position, own]
+        result.append(Uncertainty(covariance[np.ix_(own, own)], shape, together))
     return tuple(result)
 
 
@@ -215,7 +210,7 @@ def _tangents(
     ranges: list[float] = []
     motion = library.evidences[0].motion
     for index, (member, coefficients) in enumerate(zip(extension.members, extension.coefficients, strict=True)):
-        own = member.used_rows()
+        own = member.rows.rows
         beside: list[FloatArray] = []
         names: list[tuple[int, int | str]] = []
         widths: list[float] = []
@@ -234,8 +229,9 @@ def _tangents(
             width = member.shape[parameter.name] * np.log(upper / lower) if parameter.logarithmic else upper - lower
             widths.append(float(width))
         columns.append(spread(nominal, member.rows.joints, np.concatenate([own, *(s[..., None] for s in beside)], 2)))
-        labels.extend([*((index, column) for column in member.selection), *names])
-        ranges.extend([*(np.inf for _ in member.selection), *widths])
+        count = member.rows.coefficients
+        labels.extend([*((index, column) for column in range(count)), *names])
+        ranges.extend([*(count * [np.inf]), *widths])
     return (np.concatenate(columns, axis=1) if columns else np.zeros((0, 0))), labels, np.array(ranges)
 
 

@@ -16,19 +16,9 @@ from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place
 from identification.mismatch.evidence import Evidence, Rows
 from identification.mismatch.motion import Motion
+from identification.mismatch.settings import ALTERNATIVE
 
 Shape = tuple[tuple[str, float], ...]
-
-COEFFICIENT_COST = 3.0
-"""Log-likelihood that a coefficient beyond the first, or a nonlinear parameter off its textbook value, must bring.
-
-About the log of the rows that carry the motion. A form that is freed for less takes up noise, and the size with it.
-"""
-
-
-def cost_of_choice(used: int, columns: int) -> float:
-    """Log-likelihood that it costs to have chosen one of several columns: the log of their number; none for all."""
-    return math.log(columns) if used < columns else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +26,8 @@ class EffectRows:
     """An effect at one place and one shape. joints: from 0. rows: (len(joints), R, m) Nm per unit, all evidences.
 
     cost: log-likelihood that the choice of the shape costs: the log of the number of grid points that it was chosen
-    from (in textbook forms, of these), and COEFFICIENT_COST for each nonlinear parameter off its textbook value.
+    from (in textbook forms, of these), and ALTERNATIVE for each nonlinear parameter off its textbook value: the simpler
+    form is said that is as good.
     """
 
     effect: Effect
@@ -86,7 +77,7 @@ class Library:
         held = [item.textbook is not None and values[item.name] == item.textbook for item in parameters]
         freed = sum(item.textbook is not None for item in parameters) - sum(held)
         points = (item.choices for item, there in zip(parameters, held, strict=True) if freed or not there)
-        return math.log(math.prod(points)) + COEFFICIENT_COST * freed
+        return math.log(math.prod(points)) + ALTERNATIVE * freed
 
     def grid(self, effect: Effect, place: Place) -> tuple[Shape, ...]:
         """All combinations of the grids of the effect's nonlinear parameters; one empty shape for a linear effect."""

@@ -15,8 +15,9 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
 from identification.mismatch.problem import Problem, spread
-from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, Library, cost_of_choice
+from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.screening import coefficients_of, group_gain
+from identification.mismatch.settings import ALTERNATIVE
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12
@@ -35,10 +36,9 @@ TURNS, NEARLY = 4, 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """An effect as it stands in a model: rows of all its columns, and which of them are used."""
+    """An effect as it stands in a model: rows of all its columns."""
 
     rows: EffectRows
-    selection: tuple[int, ...]
 
     @property
     def effect(self) -> Effect:
@@ -55,20 +55,16 @@ class Member:
         """Its nonlinear parameters."""
         return dict(self.rows.shape)
 
-    def used_rows(self) -> FloatArray:
-        """(len(joints), R, used) Nm per unit."""
-        return self.rows.rows[:, :, list(self.selection)]
-
 
 def columns_of(problem: Problem, members: Sequence[Member]) -> FloatArray:
-    """(n R, m) whitened columns that some members use, one beside the other."""
-    columns = [spread(problem, item.rows.joints, item.used_rows()) for item in members]
+    """(n R, m) whitened columns of some members, one beside the other."""
+    columns = [spread(problem, item.rows.joints, item.rows.rows) for item in members]
     return np.concatenate(columns, axis=1) if columns else np.zeros((problem.torque.size, 0))
 
 
 def gram_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gram matrix off the basis, product with the residual, and square lengths before, of a member's columns."""
-    return gram_of_rows(problem, member.rows.joints, member.used_rows())
+    return gram_of_rows(problem, member.rows.joints, member.rows.rows)
 
 
 def gram_of_rows(
@@ -91,12 +87,11 @@ def score_of(problem: Problem, member: Member) -> float:
     gain, used = group_gain(gram, target, raw)
     if member.effect.one_sided and target.size == 1 and target[0] < 0.0:
         gain = 0.0
-    choice = cost_of_choice(len(member.selection), member.rows.coefficients)
-    return 0.5 * gain - COEFFICIENT_COST * max(used - 1, 0) - member.rows.cost - choice
+    return 0.5 * gain - ALTERNATIVE * max(used - 1, 0) - member.rows.cost
 
 
 def estimate_of(problem: Problem, member: Member) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of the used columns beside all that is fitted, and their inverse Gram matrix."""
+    """Coefficients of the columns beside all that is fitted, and their inverse Gram matrix."""
     return coefficients_of(*gram_of(problem, member))
 
 
@@ -164,8 +159,8 @@ def _followed(problem: Problem, library: Library, member: Member, parameters: Se
         _, moved = _moved(problem, library, member, {item.name: value for item in parameters})
         if moved is None:
             break
-        rows = moved.used_rows()
-        slope = rows + value * (rows - beside.used_rows()) / (value - known)
+        rows = moved.rows.rows
+        slope = rows + value * (rows - beside.rows.rows) / (value - known)
         gram, product, _ = gram_of_rows(problem, joints, np.concatenate([rows, slope], axis=2))
         visited.append((float(value * (2.0 * product[0] - value * gram[0, 0])), moved))
         before, value = (value, moved), value + (product[1] - value * gram[0, 1]) / max(gram[1, 1], 1e-300)
@@ -189,8 +184,8 @@ def _together(
             _, beside = _moved(problem, library, member, {parameter.name: value + step})
             if beside is None:
                 return member
-            slopes.append((beside.used_rows() - member.used_rows()) @ coefficients / step)
-        columns = np.concatenate([member.used_rows(), np.stack(slopes, axis=2)], axis=2)
+            slopes.append((beside.rows.rows - member.rows.rows) @ coefficients / step)
+        columns = np.concatenate([member.rows.rows, np.stack(slopes, axis=2)], axis=2)
         change = coefficients_of(*gram_of_rows(problem, member.rows.joints, columns))[0][coefficients.size :]
         for share in (1.0, 0.5, 0.2, 0.05):
             wanted = {
@@ -216,7 +211,7 @@ def _moved(
     rows = library.rows(member.effect, member.place, shape)
     if rows is None:
         return -math.inf, None
-    moved = Member(rows, member.selection)
+    moved = Member(rows)
     return score_of(problem, moved), moved
 
 

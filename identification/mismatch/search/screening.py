@@ -11,19 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.problem import SWALLOWED, Problem
-from identification.mismatch.search.library import COEFFICIENT_COST, EffectRows, cost_of_choice
+from identification.mismatch.problem import Problem
+from identification.mismatch.search.library import EffectRows
+from identification.mismatch.settings import ALTERNATIVE, ROUNDING
 
 # Of a group's directions those whose length off the basis is below this share of its longest are not determined.
 UNDETERMINED = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Variant:
-    """A candidate as it is scored: its place in the table and which of its columns are used."""
-
-    index: int
-    selection: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,49 +110,26 @@ def _without(screen: Screen, shadow: FloatArray, problem: Problem, target: Float
     return Screen(problem, screen.candidates, screen.parts, tuple(batches), screen.raw, target)
 
 
-def gains(screen: Screen) -> list[tuple[float, Variant]]:
-    """(score, variant) of every candidate, as a whole and, where its columns are alike, column by column; best first.
+def gains(screen: Screen) -> list[tuple[float, EffectRows]]:
+    """(score, candidate) of every candidate that gains anything, best first.
 
     score: half the drop of the whitened squares, less the cost of further coefficients and of the shape's grid.
     """
-    result: list[tuple[float, Variant]] = []
+    result: list[tuple[float, EffectRows]] = []
     for batch in screen.batches:
-        size = batch.columns.shape[1]
-        cost = np.array([screen.candidates[member].cost for member in batch.members.tolist()])
-        raw, target = np.maximum(screen.raw[batch.columns], 1e-300), screen.target[batch.columns]
-        diagonal = np.einsum("gii->gi", batch.gram)
-        seen = diagonal > SWALLOWED * raw
-        one_sided = np.array([screen.candidates[member].effect.one_sided for member in batch.members.tolist()])
-        seen &= (target > 0.0) | ~one_sided[:, None] if size == 1 else True
-        single = np.where(seen, 0.5 * target**2 / np.where(seen, diagonal, 1.0), -np.inf)
-        alike = np.array([_alike(screen.candidates[member]) for member in batch.members.tolist()])
-        for column in range(size):
-            score = np.where(alike, single[:, column] - cost - cost_of_choice(1, size), -np.inf)
-            result.extend(_listed(score, batch.members, (column,)))
-        if size > 1:
-            scale = np.sqrt(raw)
-            values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
-            kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[:, -1:])
-            projected = np.einsum("gij,gi->gj", vectors, target / scale)
-            gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
-            used = kept.sum(axis=1)
-            whole = np.where(used > 1, 0.5 * gain - COEFFICIENT_COST * (used - 1), -np.inf)
-            result.extend(_listed(whole - cost, batch.members, tuple(range(size))))
+        candidates = [screen.candidates[member] for member in batch.members.tolist()]
+        scale, target = np.sqrt(np.maximum(screen.raw[batch.columns], 1e-300)), screen.target[batch.columns]
+        values, vectors = np.linalg.eigh(batch.gram / (scale[:, :, None] * scale[:, None, :]))
+        kept = (values > ROUNDING) & (values > UNDETERMINED**2 * values[:, -1:])
+        projected = np.einsum("gij,gi->gj", vectors, target / scale)
+        gain = np.sum(np.where(kept, projected**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+        if batch.columns.shape[1] == 1:
+            one_sided = np.array([item.effect.one_sided for item in candidates])
+            gain = np.where((target[:, 0] > 0.0) | ~one_sided, gain, 0.0)
+        cost = np.array([item.cost for item in candidates])
+        score = 0.5 * gain - ALTERNATIVE * np.maximum(kept.sum(axis=1) - 1, 0) - cost
+        result.extend(pair for pair in zip(score.tolist(), candidates, strict=True) if pair[0] > 0.0)
     return sorted(result, key=lambda item: -item[0])
-
-
-def _alike(candidate: EffectRows) -> bool:
-    """Whether the columns are of one unit, so that one alone is the effect in one direction (one bending moment)."""
-    units = candidate.effect.units
-    return candidate.coefficients == 1 or (len(units) == candidate.coefficients and len(set(units)) == 1)
-
-
-def _listed(scores: FloatArray, members: IntArray, selection: tuple[int, ...]) -> list[tuple[float, Variant]]:
-    return [
-        (score, Variant(member, selection))
-        for score, member in zip(scores.tolist(), members.tolist(), strict=True)
-        if score > 0.0
-    ]
 
 
 def group_gain(gram: FloatArray, target: FloatArray, raw: FloatArray) -> tuple[float, int]:
@@ -180,5 +150,5 @@ def coefficients_of(gram: FloatArray, target: FloatArray, raw: FloatArray) -> tu
 def _directions(gram: FloatArray, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.sqrt(np.maximum(raw, 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    kept = (values > SWALLOWED) & (values > UNDETERMINED**2 * values[-1])
+    kept = (values > ROUNDING) & (values > UNDETERMINED**2 * values[-1])
     return values[kept], vectors[:, kept]

@@ -10,17 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
 from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import extend
 from identification.mismatch.search.library import EffectRows, Library
-from identification.mismatch.search.refinement import Member, gram_of, refine, score_of
+from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import Screen, build_screen, gains, narrowed
 from identification.mismatch.search.trial import Trial, fitted, pruned, without
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import MOST, DiagnosisSettings
 
 SHORTLIST = 6
 """Candidates per screening that are refined."""
@@ -28,12 +26,6 @@ GROWS = 0.5
 """Share of its refined score that a candidate has on the grid at least."""
 SMALLEST_SHARE_OF_BEST = 0.4
 """A candidate on the grid below this share of the best is not refined."""
-LEAST_STEP = 0.15
-"""Share of the score asked for beside a background that a step must bring while noise is not reached."""
-MOST_OF_IT = 0.5
-"""Share of the excess misfit that the same physics on every joint must take on the grid to be refined."""
-WELL_DETERMINED = 0.03
-"""Share of the best determined direction's information that each direction of a group must have to be kept in."""
 MOST_RENEWALS = 4
 WORTH_RENEWING = 2.0
 """Log-likelihood that a new nominal torque must bring in a step."""
@@ -80,7 +72,7 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     trial, library = on_own_torque(nominal, trial, library, renewed, settings)
     trial = _on_every_joint(nominal, before, trial, library, settings)
     trial = pruned(nominal, trial, settings)
-    trial, library = on_own_torque(nominal, _whole(nominal, trial, settings), library, renewed, settings)
+    trial, library = on_own_torque(nominal, trial, library, renewed, settings)
     return SearchResult(trial, before, library, library.candidates()[0])
 
 
@@ -101,11 +93,11 @@ def _on_every_joint(
     for effect in library.effects:
         shapes = library.grid(effect, Place()) if effect.everywhere else ()
         rows = [library.rows(effect, Place(), shape) for shape in shapes]
-        members = [Member(item, tuple(range(item.coefficients))) for item in rows if item is not None]
+        members = [Member(item) for item in rows if item is not None]
         if not members:
             continue
         every = max(members, key=lambda member: score_of(nominal, member))
-        if 2.0 * score_of(nominal, every) < MOST_OF_IT * (before.squares - nominal.torque.size):
+        if 2.0 * score_of(nominal, every) < MOST * (before.squares - nominal.torque.size):
             continue
         every = refine(nominal, library, every)
         others = [member for member in trial.members if member.effect is not effect]
@@ -127,8 +119,7 @@ def _seen_anew(
             rows = other.rows(member.effect, member.place, member.rows.shape)
             if rows is None:
                 return trial, library
-            members.append(Member(rows, member.selection))
-        members = _regridded(nominal, members, other, settings)
+            members.append(Member(rows))
         again = fitted(nominal, members, settings)
         if _gain(again, trial) < WORTH_RENEWING:
             break
@@ -147,51 +138,13 @@ def on_own_torque(
     for _ in range(2 if trial.members else 0):
         other = renewed(extend(nominal, trial.members).base)
         rows = [other.rows(member.effect, member.place, member.rows.shape) for member in trial.members]
-        members = [Member(item, member.selection) for item, member in zip(rows, trial.members, strict=True) if item]
+        members = [Member(item) for item in rows if item]
         again = fitted(nominal, members, settings, trial)
         same = len(members) == len(trial.members) and again.complete == trial.complete
         if not same or again.squares > trial.squares + 2.0 * settings.provisional_score:
             break
         trial, library = again, other
     return trial, library
-
-
-def _regridded(
-    nominal: Problem, members: Sequence[Member], library: Library, settings: DiagnosisSettings
-) -> list[Member]:
-    """Each member refined anew from the best grid point of every kind (whole-numbered parameters) it comes in."""
-    result = list(members)
-    for index, member in enumerate(members):
-        if not member.shape:
-            continue
-        rest = fitted(nominal, without(result, index), settings).problem
-        parameters = member.effect.shape_parameters(library.evidences[0].motion, member.place)
-        whole = [parameter.name for parameter in parameters if parameter.integer]
-        best: dict[tuple[float, ...], Member] = {}
-        for shape in library.grid(member.effect, member.place):
-            rows = library.rows(member.effect, member.place, shape)
-            if rows is not None:
-                kind, rival = tuple(dict(shape)[name] for name in whole), Member(rows, member.selection)
-                best[kind] = max(best.get(kind, rival), rival, key=lambda item: score_of(rest, item))
-        rivals = [member, *(refine(rest, library, rival) for rival in best.values())]
-        result[index] = max(rivals, key=lambda item: score_of(rest, item))
-    return result
-
-
-def _whole(nominal: Problem, trial: Trial, settings: DiagnosisSettings) -> Trial:
-    """Members with all their columns where the motion tells these apart: one left out by choice biases the others."""
-    members = []
-    for index, member in enumerate(trial.members):
-        whole = Member(member.rows, tuple(range(member.rows.coefficients)))
-        if whole.selection != member.selection:
-            rest = fitted(nominal, without(trial.members, index), settings, trial)
-            gram, _, raw = gram_of(rest.problem, whole)
-            # A column without torque on this arm is told by no motion.
-            values = np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw))) if raw.all() else np.zeros(1)
-            if values[0] > WELL_DETERMINED * values[-1]:
-                member = whole
-        members.append(member)
-    return trial if members == list(trial.members) else fitted(nominal, members, settings, trial)
 
 
 def _beside(screen: Screen, trial: Trial) -> Screen:
@@ -201,15 +154,11 @@ def _beside(screen: Screen, trial: Trial) -> Screen:
 def _step(trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings) -> Trial | None:
     """The best set with one member more; None when nothing is gained. screen: beside the members of the trial."""
     taken = {(member.effect.name, member.place) for member in trial.members}
-    found, measured = shortlist(screen, library, taken), trial.nominal.noise_is_measured
-    if not measured:
-        found = _merged(found, shortlist(build_screen(trial.weighted, screen.candidates), library, taken))
+    found = shortlist(screen, library, taken)
     worth = [member for member in found if score_of(trial.problem, member) >= settings.provisional_score]
     if not worth:
         return None
-    best = _best([fitted(trial.nominal, [*trial.members, member], settings, trial) for member in worth])
-    enough = measured or best.likelihood - trial.likelihood >= LEAST_STEP * settings.background_score
-    return best if enough else None
+    return _best([fitted(trial.nominal, [*trial.members, member], settings, trial) for member in worth])
 
 
 def _gain(trial: Trial, before: Trial) -> float:
@@ -230,8 +179,7 @@ def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], l
     """The best candidates, one per effect and place, refined. taken: not these. least: score that they may reach."""
     chosen: dict[tuple[str, Place], Member] = {}
     best = 0.0
-    for score, variant in gains(screen):
-        rows = screen.candidates[variant.index]
+    for score, rows in gains(screen):
         key = (rows.effect.name, rows.place)
         best = max(best, score)
         if key in taken or key in chosen:
@@ -239,13 +187,8 @@ def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], l
         if score < max(SMALLEST_SHARE_OF_BEST * best, GROWS * least) or len(chosen) >= SHORTLIST:
             break
         if (own := library.rows(rows.effect, rows.place, rows.shape)) is not None:
-            chosen[key] = Member(own, variant.selection)
+            chosen[key] = Member(own)
     return [refine(screen.problem, library, member) for member in chosen.values()]
-
-
-def _merged(first: Sequence[Member], second: Sequence[Member]) -> list[Member]:
-    keys = {(member.effect.name, member.place) for member in first}
-    return [*first, *(member for member in second if (member.effect.name, member.place) not in keys)]
 
 
 def polished(

@@ -13,12 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from identification.arrays import FloatArray
-from identification.mismatch.problem import Problem, extended, off, reweighted
+from identification.mismatch.problem import Problem, extended, off
 from identification.mismatch.search.detection import BandPower, band_power, is_inflated, located, whittle
-from identification.mismatch.search.library import COEFFICIENT_COST, cost_of_choice
 from identification.mismatch.search.refinement import Member, columns_of, score_of
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 
 FULL_ROUNDS = 3
 QUICK_ROUNDS = 1
@@ -42,26 +40,14 @@ class Trial:
     rounds: int
 
     @cached_property
-    def _located(self) -> tuple[FloatArray, BandPower]:
-        if self.complete:
-            return np.ones_like(self.problem.noise), self.plain
-        return located(self.nominal, self.problem, self.start, self.rounds)
-
-    @property
     def power(self) -> BandPower:
         """Of the residual, in units of the noise, misfit where it sits (`located`)."""
-        return self._located[1]
+        return self.plain if self.complete else located(self.nominal, self.problem, self.start, self.rounds)
 
     @cached_property
     def likelihood(self) -> float:
         """Profile likelihood beside an unknown background."""
         return whittle(self.power)
-
-    @property
-    def weighted(self) -> Problem:
-        """The same problem weighted by noise and misfit."""
-        inflation = self._located[0]
-        return self.problem if np.all(inflation == 1.0) else reweighted(self.problem, inflation)
 
     @property
     def squares(self) -> float:
@@ -71,12 +57,7 @@ class Trial:
     @property
     def cost(self) -> float:
         """Log-likelihood that further coefficients and the choice of shapes cost."""
-        return sum(
-            COEFFICIENT_COST * (len(item.selection) - 1)
-            + item.rows.cost
-            + cost_of_choice(len(item.selection), item.rows.coefficients)
-            for item in self.members
-        )
+        return sum(ALTERNATIVE * (item.rows.coefficients - 1) + item.rows.cost for item in self.members)
 
     @property
     def penalised(self) -> float:

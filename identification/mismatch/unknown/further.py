@@ -49,12 +49,8 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
     known: dict[Hashable, Found] = {}
     for joint in joints:
         candidates = selection.rows.further(joint, known)
-        starts = [selection.states[joint]]
-        if starts[0].groups:
-            # What a joint holds may stand for what it lacked, so it grows from nothing too.
-            starts.append(selection.settled(joint, selection.unsettled(joint, ()), FULL_ROUNDS))
-        grown = [_grown(selection.with_state(joint, state), joint, candidates) for state in starts]
-        best = max([selection, *grown], key=lambda option: option.score(joint, option.states[joint]))
+        grown = _grown(selection, joint, candidates)
+        best = max((selection, grown), key=lambda option: option.score(joint, option.states[joint]))
         best.held = [item for item in selection.held if item.joint != joint]
         exchange(best, [joint])
         selection = best

@@ -20,7 +20,7 @@ from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.refinement import Member, gram_of
 from identification.mismatch.search.screening import group_gain
-from identification.mismatch.settings import SPEAK, DiagnosisSettings
+from identification.mismatch.settings import CAPTURE, SPEAK, DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, beside_names
@@ -32,7 +32,7 @@ from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 
-FORMS_NAMED, LEAST_SHARE = 3, 0.1
+FORMS_NAMED = 3
 CURVE_POINTS = 241
 """Some ten for each wave of the narrowest functions."""
 
@@ -251,10 +251,10 @@ def _nearest_forms(
     for candidate in candidates:
         if joint not in candidate.joints or energy <= 0.0:
             continue
-        gram, target, raw = gram_of(shadowed, Member(candidate, tuple(range(candidate.coefficients))))
+        gram, target, raw = gram_of(shadowed, Member(candidate))
         share = min(group_gain(gram, target, raw)[0] / energy, 1.0)
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), share)
-    found = sorted(((share, name) for name, share in best.items() if share >= LEAST_SHARE), reverse=True)
+    found = sorted(((share, name) for name, share in best.items() if share >= CAPTURE), reverse=True)
     return tuple(NearestForm(name, share) for share, name in found[:FORMS_NAMED])
 
 

@@ -17,7 +17,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.settings import ALTERNATIVE, DIFFERENT, LEAST_SHOWN, PRIOR_COST, RIVAL, SPEAK
+from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DIFFERENT, LEAST_SHOWN, MOST, PRIOR_COST, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.rows import Rows
@@ -66,13 +66,11 @@ def named(member: Member, size: FloatArray, elsewhere: Library | None, rows: Row
     """A member of the model on the rows of both roles. size: its coefficients; elsewhere: library of the held-out."""
     there = None if elsewhere is None else elsewhere.rows(member.effect, member.place, member.rows.shape)
     count = int((rows.part < rows.folds).sum())
-    used = list(member.selection)
-    columns = np.zeros((rows.problem.n, rows.problem.rows, len(used)))
-    columns[list(member.rows.joints), :count] = member.rows.rows[:, :, used]
+    columns = np.zeros((rows.problem.n, rows.problem.rows, size.size))
+    columns[list(member.rows.joints), :count] = member.rows.rows
     if there is not None:
-        columns[list(there.joints), count:] = there.rows[:, :, used]
-    joints = shown_on(rows.problem, columns @ size[used])
-    return Named(member.effect.name, joints, columns, size[used], member.rows.cost)
+        columns[list(there.joints), count:] = there.rows
+    return Named(member.effect.name, shown_on(rows.problem, columns @ size), columns, size, member.rows.cost)
 
 
 def shown_on(problem: Problem, torque: FloatArray) -> tuple[int, ...]:
@@ -84,7 +82,7 @@ def shown_on(problem: Problem, torque: FloatArray) -> tuple[int, ...]:
     white = problem.whitened(torque[..., None], range(problem.n))
     visible = off(problem.basis, white.ravel()).reshape(torque.shape)
     rms = np.sqrt((visible**2).sum(axis=1)) * torque.any(axis=1)
-    return tuple(np.flatnonzero(rms > 0.1 * rms.max(initial=0.0)).tolist())
+    return tuple(np.flatnonzero(rms > CAPTURE * rms.max(initial=0.0)).tolist())
 
 
 def standings(
@@ -168,11 +166,11 @@ def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
             beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
             particular = particular if CLASSES[number].background else max(loss, particular)
         for number, loss in losses.items():
-            if loss < SPEAK or _carried(rest, joint, number, whole, own, size) < RIVAL:
+            if loss < SPEAK or _carried(rest, joint, number, whole, own, size) < MOST:
                 continue
             rivals.append(CLASSES[number].name)
             # One that is missed as much with the name as without it is other physics on the same joint.
-            if left.get(number, 0.0) <= RIVAL * loss:
+            if left.get(number, 0.0) <= MOST * loss:
                 kept = max(kept, left.get(number, 0.0))
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.

@@ -29,7 +29,7 @@ from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, shown_on, standings
-from identification.mismatch.unknown.rows import BAND_EDGES_HZ, JointRows, Rows, functions_of, products, usual_groups
+from identification.mismatch.unknown.rows import WIDE_BANDS_HZ, JointRows, Rows, functions_of, products, usual_groups
 
 ASKED = (
     "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",
@@ -217,8 +217,8 @@ class _Recording:
             columns = np.concatenate([*(rows for _, rows in own), whitened[joint, :, None]], axis=1)
             shown = tuple(np.eye(rows.shape[1]) for _, rows in own)
             parts.append(JointRows(columns, tuple(basis for basis, _ in own), group, shown))
-        band = np.searchsorted(BAND_EDGES_HZ, evidence.frequency)
-        bands = len(BAND_EDGES_HZ) + 1
+        band = np.searchsorted(WIDE_BANDS_HZ, evidence.frequency)
+        bands = len(WIDE_BANDS_HZ) + 1
         count = np.stack([np.bincount(band, weights=row > 0.0, minlength=bands) for row in weight])
         return Rows(
             problem=problem,

@@ -15,14 +15,14 @@ from scipy.special import chdtrc
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, build_problem, with_torque
+from identification.mismatch.problem import BAND_EDGES_HZ, Problem, build_problem, with_torque
 from identification.mismatch.settings import FADE, FOLDS, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 
-BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
-"""Upper edges of the bands with a noise of their own, every other one of those in which misfit is tested."""
+WIDE_BANDS_HZ = BAND_EDGES_HZ[1::2]
+"""Upper edges of the bands with a noise of their own: every other one of those in which misfit is tested."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +205,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     every = Ranges.of([item.motion for item in evidences])
     inputs = tuple(Inputs(item.motion, every, 2.0 * FADE) for item in evidences)
     part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured)
-    band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
+    band = np.searchsorted(WIDE_BANDS_HZ, problem.frequency)
     asked = _worth_asking(problem, band)
     asked[list(named)] = True
     samples = (

@@ -18,7 +18,7 @@ from scipy.special import fdtrc
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
-from identification.mismatch.settings import SPEAK
+from identification.mismatch.settings import ROUNDING, SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.functions import unwarped, warped
 from identification.mismatch.unknown.judgement import rms_interval
@@ -32,8 +32,6 @@ LOBE, SIDE = 2, (3, 5, 7, 9, 11)
 """Lines on either side over which a Hann window spreads a vibration, and those beside it: two apart, independent."""
 SHARED = 1.0 + 2.0 / 36.0
 """Frames that one is worth less: the power of two that share half of a Hann window has a correlation of 1/36."""
-ROUNDING = 1e-9
-"""Share of a torque that is no scatter: a simulation without noise has what its numbers cannot hold."""
 
 WHERE: dict[str, tuple[str, str, Callable[[Motion, int], FloatArray]]] = {
     "own_velocity": ("moves at", "rad/s", lambda motion, joint: np.abs(motion.velocity[:, joint])),
@@ -98,6 +96,7 @@ def _frames(motion: Motion, table: PeriodTable) -> _Frames:
     score = np.empty_like(power)
     exponential = np.cumsum(1.0 / np.arange(count * len(starts), 0, -1))
     for joint in range(motion.n):
+        # Of a simulation without noise the scatter is what its numbers cannot hold.
         if differing[..., joint].std() <= ROUNDING * np.abs(torque[..., joint]).max(initial=0.0):
             power[joint], score[joint] = 0.0, 1.0
             continue

@@ -12,11 +12,11 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.names.alternatives import alternatives, own_score
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.search.library import COEFFICIENT_COST, Library
+from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, refine, score_of
 from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import fitted
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ALTERNATIVE, DiagnosisSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel
@@ -29,7 +29,7 @@ def other_names(recording: Recording, robot: RobotModel, regressor: BaseRegresso
     problem, library, settings = build_problem([evidence]), Library(EFFECTS, [evidence]), DiagnosisSettings()
     rows = library.rows(effect_named("torque_offset"), Place(joint=6), ())
     assert rows is not None
-    trial = fitted(problem, [Member(rows, (0,))], settings)
+    trial = fitted(problem, [Member(rows)], settings)
     screen = build_screen(problem, library.candidates()[0])
     return {(item.effect, item.joint) for item in alternatives(problem, trial, 0, screen, library, settings)}
 
@@ -72,7 +72,7 @@ def test_what_is_a_hundred_times_less_likely_is_no_other_name_and_the_truth_is_n
         for (effect, joint), shape in ((true, {"exponent": 2.0}), (other, {"stribeck_velocity": 0.3, "exponent": 2.0})):
             rows = library.rows(effect_named(effect), Place(joint=joint), tuple(shape.items()))
             assert rows is not None
-            members.append(refine(problem, library, Member(rows, (0,))))
+            members.append(refine(problem, library, Member(rows)))
             trial = fitted(problem, members[-1:], settings)
             found = alternatives(problem, trial, 0, screen, library, settings)
             names.append({(item.effect, item.joint) for item in found})
@@ -102,7 +102,7 @@ def test_beside_an_unknown_torque_a_coefficient_more_has_to_earn_its_cost(
     for seed in range(4):
         nothing = np.random.default_rng(seed).standard_normal(rows.rows.shape)
         wider = replace(rows, rows=np.concatenate([rows.rows, nothing], axis=2))
-        plain, more = Member(rows, (0,)), Member(wider, (0, 1))
+        plain, more = Member(rows), Member(wider)
         trial = fitted(problem, [plain], settings)
         assert not trial.complete
         rest = fitted(problem, [], settings)
@@ -110,4 +110,4 @@ def test_beside_an_unknown_torque_a_coefficient_more_has_to_earn_its_cost(
         gained = scores[1] - scores[0]
         # A column more lowers no likelihood, but for where misfit is located anew; half the square of a normal deviate
         # lies beyond 3 in one of seventy.
-        assert -COEFFICIENT_COST - 0.5 <= gained < 0.0
+        assert -ALTERNATIVE - 0.5 <= gained < 0.0

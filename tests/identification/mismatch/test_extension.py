@@ -68,7 +68,7 @@ def member_of(effect: Effect, evidence: Evidence) -> tuple[Library, Member]:
     library = Library((effect,), (evidence,))
     rows = library.rows(effect, Place(joint=1), (("exponent", 2.0),))
     assert rows is not None
-    return library, Member(rows, (0,))
+    return library, Member(rows)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_a_short_delay_is_as_sure_as_if_its_share_were_known(
     here, later = (library.rows(effect, place, (("delay", d), ("lag", 0.0))) for d in (delay, 1.001 * delay))
     assert here is not None
     assert later is not None
-    member = Member(here, (0,))
+    member = Member(here)
     extension = replace(extend(problem, [member]), coefficients=(np.ones(1),))
     (found,) = uncertainties(problem, extension, problem.residual, library, coloured=False)
     slope = off(problem.basis, spread(problem, here.joints, later.rows - here.rows))[:, 0] / (1e-3 * delay)

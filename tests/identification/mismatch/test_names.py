@@ -37,7 +37,7 @@ def test_an_offset_is_called_a_spring_only_where_its_slope_is_plain(
     problem, library = build_problem([evidence]), Library(EFFECTS, [evidence])
     rows = library.rows(effect_named("cable_spring"), Place(joint=6), ())
     assert rows is not None
-    of_noise, covariance = estimate_of(problem, Member(rows, (0, 1)))
+    of_noise, covariance = estimate_of(problem, Member(rows))
     # So that it comes out at so many deviations with this very noise.
     slope = deviations * float(np.sqrt(covariance[0, 0])) - float(of_noise[0])
 

@@ -15,7 +15,7 @@ from identification.mismatch.changes.between_periods import Change, beside_flagg
 from identification.mismatch.changes.contrasts import Contrasts
 from identification.mismatch.changes.lasting import LONGEST_TIME, find_thermal
 from identification.mismatch.effects import EFFECTS, effect_named
-from identification.mismatch.effects.base import Place
+from identification.mismatch.effects.base import Estimate, Place
 from identification.mismatch.effects.thermal_friction import ThermalFriction
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, worsened
@@ -23,7 +23,7 @@ from identification.mismatch.names.examination import Check, Examination, Rows
 from identification.mismatch.names.objections import Objection, recurring, untenable, useless, without_objection
 from identification.mismatch.problem import build_problem
 from identification.mismatch.reduction import build_evidence
-from identification.mismatch.search.library import EffectRows, Library
+from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
@@ -76,7 +76,7 @@ def examined(evidence: Evidence, name: str, joint: int, shape: dict[str, float] 
     shapes = library.grid(effect, Place(joint=joint)) if shape is None else [tuple(shape.items())]
     rows = library.rows(effect, Place(joint=joint), shapes[0])
     assert rows is not None
-    trial = fitted(problem, [Member(rows, tuple(range(rows.coefficients)))], settings)
+    trial = fitted(problem, [Member(rows)], settings)
     exam = Examination(
         problem, cast(SearchResult, None), Rows((evidence,), (evidence.torque,), library), None, settings
     )
@@ -115,7 +115,7 @@ class _Settled:
 
 def _member(name: str, joint: int) -> Any:
     rows = SimpleNamespace(joints=(joint - 1,), rows=np.ones((1, 200, 1)), coefficients=1)
-    return SimpleNamespace(effect=SimpleNamespace(name=name), place=Place(joint=joint), rows=rows, selection=(0,))
+    return SimpleNamespace(effect=SimpleNamespace(name=name), place=Place(joint=joint), rows=rows)
 
 
 def said_of(settled: _Settled, names: Sequence[str], *, noise_is_measured: bool) -> list[tuple[int, str]]:
@@ -177,24 +177,22 @@ def test_what_is_too_weak_for_a_name_is_there_though_another_name_took_its_place
     assert there == ((first,) if second_falls else ())
 
 
-@pytest.mark.parametrize(("columns_needed", "kept"), [(1, (1,)), (2, (0, 1)), (3, None)])
-def test_a_name_is_asked_with_all_its_columns_before_it_goes(
-    monkeypatch: pytest.MonkeyPatch, columns_needed: int, kept: tuple[int, ...] | None
+@pytest.mark.parametrize(
+    ("sizes", "deviations", "certain"),
+    [
+        ((0.1, 0.001), (0.01, 0.01), 10.0),
+        ((0.001, 0.1), (0.01, 0.01), 10.0),
+        ((0.01, 0.01), (0.01, 0.01), np.sqrt(2.0)),
+        ((0.1, 0.5), (0.01, 1.0), 10.0),
+        ((0.1, 0.0), (0.01, 1e6), 10.0),
+    ],
+)
+def test_a_crosstalk_of_one_bending_moment_is_certain_whatever_is_known_of_the_other(
+    sizes: tuple[float, float], deviations: tuple[float, float], certain: float
 ) -> None:
-    """A wave of which the fitted motion asks for the sine alone, and the other motion for the cosine too."""
-    effect = effect_named("position_dependent_friction")
-    rows = EffectRows(effect, Place(joint=2), (), (1,), np.ones((1, 4, 2)))
-
-    def rule(trial: _Set) -> list[Objection]:
-        return [Objection(i, 0.0, "") for i, m in enumerate(trial.members) if len(m.selection) < columns_needed]
-
-    place = "identification.mismatch.names.objections"
-    monkeypatch.setattr(f"{place}._under_another_name", lambda *_: None)
-    monkeypatch.setattr(f"{place}.fitted", lambda _problem, members, *_: _Set(members))
-    exam = cast(Examination, SimpleNamespace(problem=None, settings=None, unseen=None))
-    trial, remarks, _ = without_objection(exam, cast(Any, _Set([Member(rows, (1,))])), [cast(Any, rule)])
-    assert [member.selection for member in trial.members] == ([] if kept is None else [kept])
-    assert bool(remarks) == (kept is None)
+    of_both = np.diag(np.square(deviations))
+    estimate = Estimate(Place(joint=3), {}, np.array(sizes), of_both)
+    assert effect_named("bending_crosstalk").certainty(estimate) == pytest.approx(certain, rel=0.02)
 
 
 def push(start_s: float) -> Change:

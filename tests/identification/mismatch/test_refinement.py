@@ -18,10 +18,10 @@ from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 
 
-def start(library: Library, name: str, place: Place, shape: dict[str, float], count: int) -> Member:
+def start(library: Library, name: str, place: Place, shape: dict[str, float]) -> Member:
     rows = library.rows(effect_named(name), place, tuple(shape.items()))
     assert rows is not None
-    return Member(rows, tuple(range(count)))
+    return Member(rows)
 
 
 def test_a_stribeck_curve_of_another_exponent_is_found_with_its_amplitude(
@@ -34,8 +34,8 @@ def test_a_stribeck_curve_of_another_exponent_is_found_with_its_amplitude(
     (evidence,) = build_evidence(record(iiwa14, table3, hidden), iiwa14, iiwa14_base)
     problem, library = build_problem([evidence]), Library(EFFECTS, [evidence])
     place = Place(joint=2)
-    textbook = start(library, "stribeck_friction", place, {"stribeck_velocity": 0.06, "exponent": 2.0}, 1)
-    true = start(library, "stribeck_friction", place, {"stribeck_velocity": 0.06, "exponent": 1.0}, 1)
+    textbook = start(library, "stribeck_friction", place, {"stribeck_velocity": 0.06, "exponent": 2.0})
+    true = start(library, "stribeck_friction", place, {"stribeck_velocity": 0.06, "exponent": 1.0})
     refined = refine(problem, library, textbook)
     assert score_of(problem, refined) >= score_of(problem, true) - 0.1
     assert refined.shape["exponent"] == pytest.approx(1.0, abs=0.2)
@@ -65,7 +65,7 @@ def test_bending_crosstalk_is_found_through_the_parameters_that_no_torque_shows(
     (evidence,) = build_evidence(record(iiwa14, table3, hidden), iiwa14, iiwa14_base)
     problem, library = build_problem([evidence]), Library(EFFECTS, [evidence])
     shape = {"hidden_moment": -1.0, "hidden_inertia": 0.0}
-    refined = refine(problem, library, start(library, "bending_crosstalk", Place(joint=5), shape, 2))
+    refined = refine(problem, library, start(library, "bending_crosstalk", Place(joint=5), shape))
     coefficients = estimate_of(problem, refined)[0]
     np.testing.assert_allclose(coefficients, [0.03, 0.02], rtol=0.15)
     # What is left is noise: one for each row, within five deviations of a χ² of that many.
