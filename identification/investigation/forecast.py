@@ -18,7 +18,6 @@ from scipy.special import chdtr, chndtr, ndtr
 from identification.arrays import FloatArray
 from identification.investigation.hypotheses import Hypothesis
 from identification.mismatch.names.alternatives import EXPLAINS_MORE
-from identification.mismatch.search.library import COEFFICIENT_COST
 from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, SPEAK, DiagnosisSettings
 
 STANDS_OUT = ALTERNATIVE
@@ -142,7 +141,7 @@ def _simpler(further: int) -> float:
     No motion tells the two by λ. The diagnosis says the simpler one unless the other explains more than its
     coefficients cost, and by chance it explains half a χ² more.
     """
-    return float(chdtr(further, 2.0 * (COEFFICIENT_COST * further - EXPLAINS_MORE)))
+    return float(chdtr(further, 2.0 * (ALTERNATIVE * further - EXPLAINS_MORE)))
 
 
 def _faded(gain: float, rival: Hypothesis, more: float) -> float:

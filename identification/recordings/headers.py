@@ -121,7 +121,9 @@ def units_of(columns: Mapping[int, Column]) -> tuple[dict[str, str], dict[int, f
             units[quantity] = known[0]
             continue
         if "A" in known:
-            raise ValueError(f"the columns of {quantity} are in {' and '.join(known)}; one recording holds torques or currents")
+            raise ValueError(
+                f"columns of {quantity} are in {' and '.join(known)}; a recording holds torques or currents"
+            )
         factors.update({place: UNITS[quantity][str(each.unit)] for place, each in own.items()})
         units[quantity] = next(iter(UNITS[quantity]))
     return units, factors

@@ -18,8 +18,7 @@ from identification.investigation.hypotheses import NOTHING, Hypothesis
 from identification.investigation.separation import Layout, separations, special_cases
 from identification.mismatch.effects.base import Place
 from identification.mismatch.names.alternatives import EXPLAINS_MORE
-from identification.mismatch.search.library import COEFFICIENT_COST
-from identification.mismatch.settings import LEAST_SHOWN, SPEAK
+from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, SPEAK
 
 BASE_VARIANCE, LARGEST, ROWS = 9.0, 0.3, 60
 EFFECTS = {1: ("torque_offset", "torque_sensor_gain"), 2: ("cable_spring", "position_dependent_torque")}
@@ -116,7 +115,7 @@ def test_an_offset_gets_its_name_beside_a_spring_that_explains_as_much_whatever_
     for _ in range(2000):
         torque = 0.9 * offset[:, 0] + random.normal(size=300)
         left = [float(np.linalg.lstsq(np.hstack([base, own]), torque, rcond=None)[1][0]) for own in (offset, spring)]
-        alone.append(0.5 * (left[0] - left[1]) - COEFFICIENT_COST <= -EXPLAINS_MORE)
+        alone.append(0.5 * (left[0] - left[1]) - ALTERNATIVE <= -EXPLAINS_MORE)
     sums = Sums(columns.T @ columns, 3)
     layout = Layout.of(alive)
     assert special_cases(sums, layout, alive).tolist() == [[False, True], [False, False]]
