@@ -20,6 +20,11 @@ from identification.mismatch.settings import OPEN_BEYOND_NOISE
 
 FREE = 1e-9
 """Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""
+ABSENT = 1e12
+"""Precision beforehand of a name that is left out, as a multiple of that by its size.
+
+Not in units of its coefficients: of a compliance of 1e-6 rad/Nm that would leave the name in.
+"""
 LEAST_NOISE = 1e-6
 LEAST_FREEDOM = 0.05
 """Share of a band's rows below which its freedom is not taken, however many columns describe it."""
