@@ -11,7 +11,8 @@ from itertools import chain
 
 from identification.arrays import FloatArray
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.unknown.angle_search import HeldAngle, settled_angles, with_angles
+from identification.mismatch.settings import PRIOR_COST
+from identification.mismatch.unknown.angle_search import HeldAngle, settled_angles, with_angles, worth
 from identification.mismatch.unknown.choice import choose_classes, kept, without_background_of_few
 from identification.mismatch.unknown.further import asked_further, left_more_than_noise
 from identification.mismatch.unknown.left import Left
@@ -43,7 +44,7 @@ class Dependence:
 def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection[int] = ()) -> Dependence:
     """The classes of what the nominal model leaves. named: joints (from 0) that names are proposed for."""
     usual = build_rows(fitted, unseen, named)
-    together, angles = with_angles(_chosen_on(usual), usual, _chosen_on)
+    together, angles = _with_angles(usual)
     every = together.rows
     if every.problem.noise_is_measured or not every.heldout:
         rows = every.limited([state.groups for state in together.states])
@@ -57,9 +58,24 @@ def find_dependence(fitted: Prepared, unseen: Prepared | None, named: Collection
     return _found(together, alone, left, dropped)
 
 
+def _with_angles(rows: Rows) -> tuple[Selection, tuple[HeldAngle, ...]]:
+    """The classes of all joints, and the angles that are off where that is worth it, before functions that are put in
+    one by one and after.
+    """
+    plain = _chosen_on(rows)
+    found, angles = with_angles(plain, rows, _chosen_on)
+    found = _grown(found)
+    if angles and worth(grown := _grown(plain)) > worth(found) - PRIOR_COST:
+        return grown, ()
+    return found, angles
+
+
 def _chosen_on(rows: Rows) -> Selection:
-    """The classes of all joints, with functions of one other joint where these leave more than noise."""
-    together = choose_classes(Selection.of(rows, rows.parts, predicted=True))
+    return choose_classes(Selection.of(rows, rows.parts, predicted=True))
+
+
+def _grown(together: Selection) -> Selection:
+    """With functions of one other joint and narrow ones, where the classes leave more than noise."""
     joints = left_more_than_noise(together)
     return asked_further(together, joints) if joints else together
 
