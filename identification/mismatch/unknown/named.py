@@ -182,8 +182,12 @@ def _with_and_without(whole: Selection, name: Named, behind: int) -> tuple[Selec
 
 def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing:
     """wholes: as `_together` gives them. behind: columns in F behind those of the name."""
-    pairs = [_with_and_without(each, name, behind) for each in wholes]
-    whole, rest = (max(options, key=worth) for options in zip(*pairs, strict=True))
+    best = max(wholes, key=worth)
+    whole, rest = _with_and_without(best, name, behind)
+    if worth(whole) - worth(rest) - PRIOR_COST - name.cost >= ALTERNATIVE:
+        # A name that is not worth it here is worth no more beside another best model without it.
+        pairs = [(whole, rest), *(_with_and_without(each, name, behind) for each in wholes if each is not best)]
+        whole, rest = (max(options, key=worth) for options in zip(*pairs, strict=True))
     own, without = _own(whole, name, behind), _own(rest, name, behind)
     described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     odds = worth(whole) - worth(rest) - PRIOR_COST - name.cost
@@ -207,7 +211,7 @@ def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing
             # One that is missed as much with the name as without it is other physics on the same joint.
             if left.get(number, 0.0) <= RIVAL * loss:
                 kept = max(kept, left.get(number, 0.0))
-    if not whole.rows.angles:
+    if not whole.rows.angles or odds < ALTERNATIVE:
         rivals += [of_angle(item.name) for item in rest.rows.angles]
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
