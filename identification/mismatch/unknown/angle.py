@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.mismatch.effects.displacement import torque_of_displacement
+from identification.mismatch.effects.displacement import torque_of_small
 from identification.mismatch.unknown.classes import CLASSES, NOTHING, Functions, Part, smooth_of_load
 from identification.mismatch.unknown.inputs import Inputs
 
@@ -74,5 +74,4 @@ class AngleBasis:
 
     def torque(self, inputs: Inputs) -> FloatArray:
         """(S, n, m) Nm of each unit weight on all joints, to first order."""
-        moved = self.displacement(inputs)
-        return np.stack([torque_of_displacement(inputs.motion, self.joint, each) for each in moved.T], axis=2)
+        return torque_of_small(inputs.motion, self.joint, self.displacement(inputs))

@@ -1,4 +1,4 @@
-"""Whether the angle of a joint is off, where several joints hold more than noise: one hypothesis per joint and input.
+"""Whether the angle of a joint is off: one hypothesis per joint and input.
 
 Each is put beside the classes that the joints hold and beside none. The best is asked with classes chosen anew, and
 stands where the whole is worth what a class costs more than without it. Asked only where the noise is measured.
@@ -63,9 +63,11 @@ def with_angles(
 
     every: the rows without what was put in one by one. chosen_on: puts the classes on rows.
     """
-    if not every.problem.noise_is_measured or more_than_noise(every).sum() < 2 or not _any(selection):
+    if not every.problem.noise_is_measured:
         return selection, ()
-    known, held = _hypotheses(every), list[HeldAngle]()
+    # Each joint alone may hold no more than noise; narrow functions take most of the time.
+    narrow = int(more_than_noise(every).sum()) > 1
+    known, held = _hypotheses(every, narrow=narrow), list[HeldAngle]()
     while True:
         plain, now = Selection.nominal(every, every.parts), worth(selection)
         free = [item for item in known if item.angle not in _held(every)]
@@ -90,15 +92,12 @@ def with_angles(
         selection, every = best[2], replace(best[3], prior=best[2].rows.prior)
 
 
-def _any(selection: Selection) -> bool:
-    return any(state.groups for state in selection.states)
-
-
-def _hypotheses(rows: Rows) -> list[_Hypothesis]:
+def _hypotheses(rows: Rows, *, narrow: bool) -> list[_Hypothesis]:
+    """One for each joint that turns and each input. narrow: with the groups behind the first."""
     found = []
     for joint in np.flatnonzero(rows.inputs[0].motion.robot.kinematics.revolute).tolist():
         for name, (_, groups) in ANGLES.items():
-            parts = [AngleBasis.of(name, group, joint, rows.inputs) for group in range(len(groups))]
+            parts = [AngleBasis.of(name, group, joint, rows.inputs) for group in range(len(groups) if narrow else 1)]
             bases = tuple(item for item in parts if item is not None)
             if not bases:
                 continue
