@@ -16,7 +16,7 @@ from identification.arrays import FloatArray
 from identification.mismatch.settings import ALTERNATIVE, PRIOR_COST
 from identification.mismatch.unknown.angle import ANGLES, LARGEST_RAD, SMALLEST_RAD, AngleBasis
 from identification.mismatch.unknown.evidence import ABSENT, FREE, Shared, largest_gain
-from identification.mismatch.unknown.rows import Rows, more_than_noise
+from identification.mismatch.unknown.rows import Rows, worth_asking
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Selection
 
 DEVIATIONS_RAD = np.geomspace(1e-6, LARGEST_RAD, 16)
@@ -66,7 +66,7 @@ def with_angles(
     if not every.problem.noise_is_measured:
         return selection, ()
     # Each joint alone may hold no more than noise; narrow functions take most of the time.
-    narrow = int(more_than_noise(every).sum()) > 1
+    narrow = int(worth_asking(every.problem, every.band).sum()) > 1
     known, held = _hypotheses(every, narrow=narrow), list[HeldAngle]()
     while True:
         plain, now = Selection.nominal(every, every.parts), worth(selection)

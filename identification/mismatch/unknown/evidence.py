@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
@@ -326,3 +327,17 @@ def largest_gain(visible: FloatArray, target: FloatArray, variances: FloatArray)
     grown = variances[:, None] * np.maximum(values, 0.0)
     gain = 0.5 * np.sum(variances[:, None] * along / (1.0 + grown) - np.log1p(grown), axis=1)
     return float(gain.max())
+
+
+def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
+    """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
+    parts, bands = shape
+    result = np.zeros((parts * bands, left.shape[1], right.shape[1]))
+    order = np.argsort(key, kind="stable")
+    edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
+    for number, (first, last) in enumerate(pairwise(edges.tolist())):
+        rows = order[first:last]
+        block = left[rows]
+        # Of one array with itself only half of the products are computed.
+        result[number] = block.T @ (block if right is left else right[rows])
+    return result.reshape(parts, bands, left.shape[1], right.shape[1])

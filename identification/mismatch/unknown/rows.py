@@ -19,7 +19,7 @@ from identification.mismatch.problem import Problem, build_problem, with_torque
 from identification.mismatch.settings import FADE, FOLDS, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
 from identification.mismatch.unknown.angle import AngleBasis
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
-from identification.mismatch.unknown.evidence import FREE, JointGram
+from identification.mismatch.unknown.evidence import FREE, JointGram, products
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 
 BAND_EDGES_HZ = (0.25, 0.95, 2.55, 6.55, 16.05, 40.05)
@@ -130,7 +130,7 @@ class Rows:
         return replace(
             self, problem=problem, joints=tuple(joints), grams=tuple(grams),
             misfit=_mean_square(problem, self.part < self.folds, self.samples[0]),
-            asked=self.asked & _worth_asking(problem, self.band),
+            asked=self.asked & worth_asking(problem, self.band),
         )  # fmt: skip
 
     def with_columns(self, names: Sequence[tuple[FloatArray, FloatArray]]) -> Rows:
@@ -240,7 +240,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     inputs = tuple(Inputs(item.motion, every, 2.0 * FADE) for item in evidences)
     part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured)
     band = np.searchsorted(BAND_EDGES_HZ, problem.frequency)
-    asked = _worth_asking(problem, band)
+    asked = worth_asking(problem, band)
     asked[list(named)] = True
     samples = (
         sum(item.samples for item in fitted.evidences),
@@ -273,11 +273,6 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     )
 
 
-def more_than_noise(rows: Rows) -> BoolArray:
-    """(n,) joints that hold more than noise, whether a name shows on them or not."""
-    return _worth_asking(rows.problem, rows.band)
-
-
 def _mean_square(problem: Problem, chosen: BoolArray, samples: int) -> FloatArray:
     """(n,) Nm² that the nominal model leaves on some rows."""
     residual = problem.residual.reshape(problem.weight.shape)
@@ -302,7 +297,7 @@ def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool) -> tuple[
     return np.concatenate([fold, np.full(rest, folds)]), folds
 
 
-def _worth_asking(problem: Problem, band: IntArray) -> BoolArray:
+def worth_asking(problem: Problem, band: IntArray) -> BoolArray:
     """(n,) joints whose rows below some frequency hold more than noise, beyond the odds against a class."""
     if not problem.noise_is_measured:
         return np.ones(problem.n, dtype=np.bool_)
@@ -400,17 +395,3 @@ def _products(
     size = shape[0] * shape[1]
     count = [np.bincount(cell, weights=row > 0.0, minlength=size)[:size].reshape(shape) for row in problem.weight]
     return tuple(products(item.whitened, item.whitened, cell, shape) for item in joints), np.stack(count)
-
-
-def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
-    """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
-    parts, bands = shape
-    result = np.zeros((parts * bands, left.shape[1], right.shape[1]))
-    order = np.argsort(key, kind="stable")
-    edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
-    for number, (first, last) in enumerate(pairwise(edges.tolist())):
-        rows = order[first:last]
-        block = left[rows]
-        # Of one array with itself only half of the products are computed.
-        result[number] = block.T @ (block if right is left else right[rows])
-    return result.reshape(parts, bands, left.shape[1], right.shape[1])
