@@ -14,7 +14,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.displacement import torque_of_small
-from identification.mismatch.unknown.classes import CLASSES, NOTHING, Functions, Part, smooth_of_load
+from identification.mismatch.unknown.classes import CLASSES, NOTHING, Functions, Part, load_functions
 from identification.mismatch.unknown.inputs import Inputs
 
 LARGEST_RAD = 0.1
@@ -28,13 +28,12 @@ def _own(name: str) -> tuple[Functions, ...]:
 
 
 ANGLES: dict[str, tuple[str, tuple[Functions, ...]]] = {
-    "own_load": ("load", (smooth_of_load("load"),)),
+    "own_load": ("load", load_functions("load")),
     "own_position": ("position", _own("own_position")),
 }
 """Class name → the input that the angle is off by functions of, and these in groups, each with its own variance.
 
-Of the load of the rigid links: friction turns round, and a jump of an angle has no acceleration. Of that smooth ones:
-a narrow one moves faster than the compared band shows.
+Of the load of the rigid links: friction turns round, and a jump of an angle has no acceleration.
 """
 
 
