@@ -21,7 +21,7 @@ from identification.excitation.nominal import nominal_parameters
 from identification.mismatch.baseline import LinkDeviation, ModelComparison, ParameterDeviation
 from identification.mismatch.findings import Alternative, DataFault, HeldOutMisfit
 from identification.mismatch.second_encoder import EncoderDifference
-from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
+from identification.mismatch.unknown.claims import AngleCurve, ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.robots import Installation, load_robot
 from tests.daemon.producer import make_request
@@ -81,6 +81,8 @@ def full_diagnosis() -> Any:
         classes=(
             ClassClaim("own_position", 2, 0.1, (0.08, 0.12), 20.0, three, ("configuration",),
                        (NearestForm("cable_spring", 0.5),), "Joint 2.", ClassCurve("position", "rad", *[three] * 3)),
+            ClassClaim("own_load", 3, 0.1, (0.08, 0.12), 20.0, three, (), (), "Joint 3.",
+                       AngleCurve("load", "Nm", *[three] * 3), angle=True, shows_on=(2, 3)),
         ),
         too_weak=(Alternative("cable_spring", 1),),
         curves=(stribeck.curve,),

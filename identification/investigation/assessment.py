@@ -25,8 +25,8 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.settings import PRIOR_COST, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
-from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.named import ABSENT, shown_on
+from identification.mismatch.unknown.evidence import ABSENT, FREE
+from identification.mismatch.unknown.named import shown_on
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from identification.mismatch.findings import Diagnosis
-from identification.mismatch.unknown.claims import ClassClaim
+from identification.mismatch.unknown.claims import AngleCurve, ClassClaim
 from identification.report.document import Block, Figure, Line, Panel, Paragraph, Section, Table
 from identification.report.numbers import joint_heads, row_of
 
@@ -23,7 +23,7 @@ def class_section(diagnosis: Diagnosis) -> Section | None:
     ]
     panels = tuple(panel for panel in map(_panel, claims) if panel is not None)
     if panels:
-        caption = "Torque over what it depends on, within the fitted range"
+        caption = "Torque, or an angle's error, over what it depends on, within the fitted range"
         blocks.append(Figure(caption, panels, (("fitted", "torque of the class ± one deviation"),)))
     rows = [
         ("fitted, nominal model", *row_of(model.fit_before_nm)),
@@ -45,6 +45,14 @@ def _panel(claim: ClassClaim) -> Panel | None:
     if curve is None:
         return None
     words = claim.name.replace("_", " ")
+    if isinstance(curve, AngleCurve):
+        return Panel(
+            f"Joint {claim.joint}: {words}, its angle",
+            f"{curve.coordinate} ({curve.unit})",
+            "true minus measured angle (rad)",
+            (Line("fitted", curve.place, curve.mean_rad, curve.std_rad),),
+            f"angle over {curve.coordinate}, from {curve.mean_rad.min():.2g} to {curve.mean_rad.max():.2g} rad",
+        )
     return Panel(
         f"Joint {claim.joint}: {words}",
         f"{curve.coordinate} ({curve.unit})",

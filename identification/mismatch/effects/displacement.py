@@ -51,16 +51,21 @@ def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray,
     its limit ∂τ/∂q h + ∂τ/∂q̇ ḣ + ∂τ/∂q̈ ḧ. Base parameters take up nearly all of the first order, so that of what is
     left the second is no small part.
     """
+    if size == 0.0:
+        return torque_of_small(motion, joint, displacement[:, None])[..., 0]
     rate = time_derivative(motion, displacement)
     growth = time_derivative(motion, rate)
-    if size != 0.0:
-        return change_of_torque(motion, joint, size * displacement, size * rate, size * growth) / size
+    return change_of_torque(motion, joint, size * displacement, size * rate, size * growth) / size
+
+
+def torque_of_small(motion: Motion, joint: int, displacements: FloatArray) -> FloatArray:
+    """Torque on all joints, (S, n, m) Nm, of each of some displacements (S, m) rad of one joint, to first order."""
+    rate = time_derivative(motion, displacements)
     derivatives = torque_derivatives(motion, joint)
-    return np.asarray(
-        derivatives.position * displacement[:, None]
-        + derivatives.velocity * rate[:, None]
-        + derivatives.acceleration * growth[:, None]
-    )
+    torque = derivatives.position[..., None] * displacements[:, None]
+    torque += derivatives.velocity[..., None] * rate[:, None]
+    torque += derivatives.acceleration[..., None] * time_derivative(motion, rate)[:, None]
+    return torque
 
 
 def torque_behind_spring(

@@ -25,6 +25,17 @@ class ClassCurve:
     std_nm: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleCurve:
+    """By what a joint's true angle is more than the measured one: mean ± std, rad, (B,) each."""
+
+    coordinate: str
+    unit: str
+    place: FloatArray
+    mean_rad: FloatArray
+    std_rad: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class NearestForm:
     """A form of the library and the share of the class's visible energy that it can take, 0 … 1."""
@@ -41,7 +52,8 @@ class ClassClaim:
     fitted rows, with its 95 % interval. significance: nats of evidence lost without it. heldout_gain_nm: (n,) Nm, RMS
     without it minus RMS with it on held-out rows, all weights from the fitted ones, at most what all classes bring;
     empty without any. alternatives: classes that could stand in its place. named: the names that stand on the joint
-    leave nothing of it.
+    leave nothing of it. angle: it is the joint's angle that depends on this, and is not the measured one; then rms_nm
+    is of the joint that this shows on most, and shows_on (from 1) are all that it shows on.
     """
 
     name: str
@@ -53,8 +65,10 @@ class ClassClaim:
     alternatives: tuple[str, ...]
     nearest_forms: tuple[NearestForm, ...]
     sentence: str
-    curve: ClassCurve | None = None
+    curve: ClassCurve | AngleCurve | None = None
     named: bool = False
+    angle: bool = False
+    shows_on: tuple[int, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The claim as contract §6 has it, with its curve."""
@@ -68,6 +82,8 @@ class ClassClaim:
             "alternatives": list(self.alternatives),
             "nearest_forms": plain(self.nearest_forms),
             "named": self.named,
+            "angle": self.angle,
+            "shows_on": list(self.shows_on),
             "sentence": self.sentence,
             "curve": plain(self.curve),
         }

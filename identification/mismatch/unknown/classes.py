@@ -165,13 +165,20 @@ def _of_speed(speed: FloatArray, most: int = SPEED[1]) -> FloatArray:
     return tabulated(smooth_table(SPEED[0], most, ("one", "sinh")), 2.0 * warped(speed) - 1.0)
 
 
-def _load(inputs: Inputs, joint: int) -> Part:
-    place = inputs.torque[:, joint]
-    return np.column_stack([np.clip(place, -1, 1), _bent(place, LOAD)]), inputs.inside("torque")[:, joint]
+def load_functions(name: str) -> tuple[Functions, Functions]:
+    """Smooth and narrow functions of a joint's load. name: "load" of the rigid links, or "torque", friction and all."""
+
+    def smooth(inputs: Inputs, joint: int) -> Part:
+        place = getattr(inputs, name)[:, joint]
+        return np.column_stack([np.clip(place, -1, 1), _bent(place, LOAD)]), inputs.inside(name)[:, joint]
+
+    def fine(inputs: Inputs, joint: int) -> Part:
+        return _bent(getattr(inputs, name)[:, joint], FINE), inputs.inside(name)[:, joint]
+
+    return smooth, fine
 
 
-def _load_fine(inputs: Inputs, joint: int) -> Part:
-    return _bent(inputs.torque[:, joint], FINE), inputs.inside("torque")[:, joint]
+_load, _load_fine = load_functions("torque")
 
 
 def _load_by_direction(inputs: Inputs, joint: int) -> Part:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
@@ -20,6 +21,11 @@ from identification.mismatch.settings import OPEN_BEYOND_NOISE
 
 FREE = 1e-9
 """Prior precision of b in units of the data's own: nothing, but for directions that no row determines."""
+ABSENT = 1e12
+"""Precision beforehand of a name that is left out, as a multiple of that by its size.
+
+Not in units of its coefficients: of a compliance of 1e-6 rad/Nm that would leave the name in.
+"""
 LEAST_NOISE = 1e-6
 LEAST_FREEDOM = 0.05
 """Share of a band's rows below which its freedom is not taken, however many columns describe it."""
@@ -321,3 +327,17 @@ def largest_gain(visible: FloatArray, target: FloatArray, variances: FloatArray)
     grown = variances[:, None] * np.maximum(values, 0.0)
     gain = 0.5 * np.sum(variances[:, None] * along / (1.0 + grown) - np.log1p(grown), axis=1)
     return float(gain.max())
+
+
+def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
+    """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
+    parts, bands = shape
+    result = np.zeros((parts * bands, left.shape[1], right.shape[1]))
+    order = np.argsort(key, kind="stable")
+    edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
+    for number, (first, last) in enumerate(pairwise(edges.tolist())):
+        rows = order[first:last]
+        block = left[rows]
+        # Of one array with itself only half of the products are computed.
+        result[number] = block.T @ (block if right is left else right[rows])
+    return result.reshape(parts, bands, left.shape[1], right.shape[1])

@@ -15,24 +15,24 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.claims import Claims
 from identification.mismatch.prepared import Prepared
-from identification.mismatch.problem import Problem, off
+from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows
-from identification.mismatch.search.refinement import Member, gram_of
-from identification.mismatch.search.screening import group_gain
-from identification.mismatch.settings import CAPTURE, SPEAK, DiagnosisSettings
+from identification.mismatch.settings import SPEAK, DiagnosisSettings
+from identification.mismatch.unknown.angle_claims import angle_claim
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, beside_names
 from identification.mismatch.unknown.evidence import FREE
+from identification.mismatch.unknown.forms import nearest_forms, size_of_weights
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
+from identification.mismatch.unknown.named import of_angle
 from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
 
-FORMS_NAMED = 3
 CURVE_POINTS = 241
 """Some ten for each wave of the narrowest functions."""
 
@@ -79,8 +79,15 @@ def judge(
     needed = max((standing[item] for item in smooth), default=0.0)
     chosen = sorted((item for item in standing if standing[item] >= needed), key=lambda item: -standing[item])
     claims = _claims(found, chosen, gain, problem, candidates)
+    angles = [
+        claim
+        for item in found.angles
+        if item.loss >= max(SPEAK, needed)
+        and (claim := angle_claim(found, item, before, problem, candidates)).interval_nm[0] > 0.0
+    ]
+    claims = sorted([*claims, *angles], key=lambda claim: -claim.significance) if angles else claims
     if problem.noise_is_measured and not smooth:
-        said = {claim.joint - 1 for claim in claims}
+        said = {joint - 1 for claim in claims for joint in (claim.joint, *claim.shows_on)}
         chance = names.power.probability.min(axis=1)
         beyond = chance < DiagnosisSettings().consistency_probability
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
@@ -149,7 +156,8 @@ def _with_names(claim: ClassClaim, names: Claims) -> ClassClaim:
     if claim.name == "broadband" or not names.trial.members:
         return claim
     left = names.beside.get(claim.joint - 1, frozenset())
-    return replace(claim, named=not left & {claim.name, *claim.alternatives})
+    same = {of_angle(claim.name)} if claim.angle else {claim.name, *claim.alternatives}
+    return replace(claim, named=not left & same)
 
 
 def _background(joints: Sequence[int]) -> str:
@@ -197,7 +205,7 @@ def _claim(
     rms, interval = _size(rows, joint, columns, weights, covariance)
     torque = np.zeros((problem.n, problem.rows))
     torque[joint] = columns @ weights
-    forms = _nearest_forms(problem, candidates, joint, torque)
+    forms = nearest_forms(problem, candidates, joint, torque)
     if kind.name == "constant":
         forms = (NearestForm("torque_offset", 1.0),)
     name = kind.within or kind.name
@@ -211,51 +219,14 @@ def _claim(
 def _size(
     rows: Rows, joint: int, columns: FloatArray, weights: FloatArray, covariance: FloatArray
 ) -> tuple[float, tuple[float, float]]:
-    """RMS in Nm of the part that base parameters cannot take up, on the fitted rows, and its 95 % interval.
-
-    The mean square is a quadratic form Q of Gaussian weights: variance 4 wᵀQCQw + 2 tr (QC)².
-    """
+    """RMS in Nm of the part that base parameters cannot take up, on the fitted rows, and its 95 % interval."""
     here = rows.part < rows.folds
-    base = [item.whitened[here][:, item.columns : -1] for item in rows.joints]
+    base = [item.whitened[here][:, item.columns : item.columns + rows.base] for item in rows.joints]
     information = np.sum([part.T @ part for part in base], axis=0) + FREE * np.eye(base[0].shape[1])
     taken = np.linalg.solve(information, base[joint].T @ columns)
     visible = (columns - base[joint] @ taken) * rows.problem.noise[joint, here][:, None]
     square = visible.T @ visible / rows.samples[0]
-    mean = float(weights @ square @ weights)
-    product = square @ covariance
-    variance = 4.0 * float(weights @ product @ square @ weights) + 2.0 * float(np.sum(product * product.T))
-    return rms_interval(max(mean, 0.0), float(np.sqrt(max(variance, 0.0))))
-
-
-def rms_interval(mean_square: float, deviation: float) -> tuple[float, tuple[float, float]]:
-    """Root of a mean square and its 95 % interval. deviation: of the mean square.
-
-    The root has half of that deviation over the root: of one Gaussian weight |w| ± 1.96 σ, where the ends of the mean
-    square's interval would call nothing what is less than 3.9 σ. What may be nothing has its upper end from the square.
-    """
-    rms = float(np.sqrt(mean_square))
-    half = 0.98 * deviation / rms if rms > 0.0 else np.inf
-    if half >= rms:
-        return rms, (0.0, float(np.sqrt(mean_square + 1.96 * deviation)))
-    return rms, (rms - half, rms + half)
-
-
-def _nearest_forms(
-    problem: Problem, candidates: Sequence[EffectRows], joint: int, torque: FloatArray
-) -> tuple[NearestForm, ...]:
-    """Forms of the library that take most of a class's visible energy. torque: (n, R) whitened."""
-    visible = off(problem.basis, torque.ravel())
-    energy = float(visible @ visible)
-    shadowed = replace(problem, residual=visible)
-    best: dict[str, float] = {}
-    for candidate in candidates:
-        if joint not in candidate.joints or energy <= 0.0:
-            continue
-        gram, target, raw = gram_of(shadowed, Member(candidate))
-        share = min(group_gain(gram, target, raw)[0] / energy, 1.0)
-        best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), share)
-    found = sorted(((share, name) for name, share in best.items() if share >= CAPTURE), reverse=True)
-    return tuple(NearestForm(name, share) for share, name in found[:FORMS_NAMED])
+    return size_of_weights(square, weights, covariance)
 
 
 def _curve(

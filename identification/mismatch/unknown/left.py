@@ -29,7 +29,7 @@ class Left:
     @classmethod
     def of(cls, rows: Rows) -> Left:
         """For selections from these rows, or from the same ones with another torque."""
-        base = [joint.whitened[:, joint.columns : -1] for joint in rows.joints]
+        base = [joint.whitened[:, joint.columns : joint.columns + rows.base] for joint in rows.joints]
         if not rows.heldout:
             return cls(rows, np.zeros((0, 0)))
         there = rows.part == rows.folds
@@ -52,7 +52,7 @@ class Left:
         rows, there = selection.rows, self.rows.part == self.rows.folds
         problem = rows.problem
         parts = [base_of(selection, joint) for joint in range(problem.n)]
-        found = selection.mean(0, selection.states[0])[1] if base is None else base
+        found = selection.mean(0, selection.states[0])[1][: rows.base] if base is None else base
         left = np.array([torque - columns @ found for columns, torque in parts])
         if rows.heldout:
             left[:, there] = off(self.free, left[:, there].ravel()).reshape(problem.n, -1)
@@ -78,9 +78,11 @@ class Left:
 def base_of(selection: Selection, joint: int) -> tuple[FloatArray, FloatArray]:
     """Whitened columns (R, p) of the base parameters of a joint (from 0), and its torque (R,) less its classes."""
     state, rows = selection.states[joint], selection.rows.joints[joint]
-    weights = selection.mean(joint, state)[0]
+    weights, beside = selection.mean(joint, state)
+    first, size = rows.columns, selection.rows.base
     torque = rows.whitened[:, -1] - rows.whitened[:, selection.columns(joint, state)] @ weights
-    return rows.whitened[:, rows.columns : -1], torque
+    torque -= rows.whitened[:, first + size : -1] @ beside[size:]
+    return rows.whitened[:, first : first + size], torque
 
 
 def shortened(selection: Selection, joint: int, numbers: Sequence[int]) -> Selection:

@@ -12,7 +12,9 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import ModelFileError
+from identification.mismatch.effects.displacement import torque_of_displacement
 from identification.mismatch.motion import Motion
+from identification.mismatch.unknown.angle import AngleBasis
 from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges, random_waves
 from identification.mismatch.unknown.selection import Selection
@@ -38,6 +40,20 @@ def terms_of(selection: Selection) -> dict[str, Any]:
                     "centre": basis.centre.tolist(),
                     "scale": basis.scale,
                     "weights": (shown @ weights[state.gram.group == place]).tolist(),
+                }
+            )
+    if rows.angles:
+        base = selection.mean(0, selection.states[0])[1]
+        for item, own in zip(rows.angles, rows.angle_columns, strict=True):
+            terms.append(
+                {
+                    "class": item.name,
+                    "group": item.group,
+                    "joint": item.joint + 1,
+                    "angle": True,
+                    "centre": item.centre.tolist(),
+                    "scale": item.scale,
+                    "weights": base[own].tolist(),
                 }
             )
     direction, phase = random_waves(rows.inputs[0].motion.n)
@@ -66,6 +82,11 @@ def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
             raise ValueError(f"{inputs.ranges.speed.size} joints")
         for term in data["terms"]:
             joint, centre = int(term["joint"]) - 1, np.array(term["centre"], dtype=np.float64)
+            if term.get("angle"):
+                angle = AngleBasis(term["class"], int(term["group"]), joint, centre, float(term["scale"]))
+                moved = angle.displacement(inputs) @ np.array(term["weights"], dtype=np.float64)
+                torque += torque_of_displacement(motion, joint, moved)
+                continue
             basis = Basis(_NUMBERS[term["class"]], int(term["group"]), joint, centre, float(term["scale"]))
             torque[:, joint] += basis.columns(inputs) @ np.array(term["weights"], dtype=np.float64)
     except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -18,16 +18,12 @@ from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
 from identification.mismatch.settings import ALTERNATIVE, CAPTURE, DIFFERENT, LEAST_SHOWN, MOST, PRIOR_COST, SPEAK
+from identification.mismatch.unknown.angle_search import Angle, settled_angles, worth
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.evidence import ABSENT
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
-
-ABSENT = 1e12
-"""Precision beforehand of a name that is left out, as a multiple of that by its size.
-
-Not in units of its coefficients: of a compliance of 1e-6 rad/Nm that would leave the name in.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,22 +87,23 @@ def standings(
     """Those names that are asked, by their number, each beside all others. chosen: as in `_together`."""
     if not asked:
         return {}
-    whole = _together(every, names, chosen)
-    ends = every.prior.size + np.cumsum([name.size.size for name in names])
-    return {
-        index: _standing(whole, names[index], np.arange(ends[index] - names[index].size.size, ends[index]))
-        for index in asked
-    }
+    wholes = _together(every, names, chosen)
+    behind = np.cumsum([0, *(name.size.size for name in reversed(names))])[::-1]
+    return {index: _standing(wholes, names[index], int(behind[index + 1])) for index in asked}
 
 
 def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> dict[int, frozenset[str]]:
-    """Joint (from 0) → the particular classes that it holds once all the names are in.
+    """Joint (from 0) → the particular classes, and the angles (`of_angle`), that it holds once all the names are in.
 
     Where the noise is measured they are chosen anew; else they are what is left of the groups that were chosen without
     names, as on rows of an unknown noise another choice says little.
     """
+    angles = set[Angle]()
     if every.problem.noise_is_measured:
-        whole = _together(every, names, chosen)
+        wholes = _together(every, names, chosen)
+        whole = max(wholes, key=worth)
+        if worth(whole) >= worth(wholes[-1]) - PRIOR_COST + SPEAK:
+            angles = {(item.name, item.joint) for item in whole.rows.angles}
     else:
         rows = every.with_columns([(name.columns, name.size) for name in names])
         whole = Selection.of(rows, rows.parts, predicted=True).with_groups(chosen)
@@ -115,7 +112,7 @@ def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[i
         for joint in range(every.problem.n)
         if every.asked[joint]
     }
-    return {
+    found = {
         joint: frozenset(
             CLASSES[number].within or CLASSES[number].name
             for number, loss in own.items()
@@ -123,9 +120,25 @@ def held_beside(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[i
         )
         for joint, own in losses.items()
     }
+    for name, joint in angles:
+        found[joint] = found.get(joint, frozenset()) | {of_angle(name)}
+    return found
 
 
-def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> Selection:
+def of_angle(name: str) -> str:
+    """What the angle of a joint is off by, told from a torque of the same class."""
+    return f"{name} of the angle"
+
+
+def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> list[Selection]:
+    """All names and classes beside them, with the angles that are off, where any is, and without; the latter last."""
+    found = [_with_classes(every, names, chosen)]
+    if every.angles:
+        found = [settled_angles(found[0]), _with_classes(every.without_angles(), names, [()] * len(chosen))]
+    return found
+
+
+def _with_classes(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int]]) -> Selection:
     """All names, and the classes that the joints hold beside them, chosen anew on those that a name shows on.
 
     chosen: groups of each joint's classes without names.
@@ -144,34 +157,60 @@ def _together(every: Rows, names: Sequence[Named], chosen: Sequence[Sequence[int
     return whole
 
 
-def _standing(whole: Selection, name: Named, own: IntArray) -> Standing:
+def _own(selection: Selection, name: Named, behind: int) -> IntArray:
+    """Where in F the columns of a name stand."""
+    end = selection.rows.prior.size - behind
+    return np.arange(end - name.size.size, end)
+
+
+def _with_and_without(whole: Selection, name: Named, behind: int) -> tuple[Selection, Selection]:
+    """The best that there is with a name and without it."""
     described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     prior = whole.rows.prior.copy()
-    prior[own] *= ABSENT
+    prior[_own(whole, name, behind)] *= ABSENT
     rest = Selection(replace(whole.rows, prior=prior), whole.worlds, whole.signs, list(whole.states))
-    cost = PRIOR_COST + name.cost
     for joint in name.joints:
         if whole.rows.asked[joint]:
             held = whole.states[joint]
             rest.states[joint] = eliminated(rest, joint, described)
             whole = _taken_over(whole, joint, rest.states[joint])
             rest = _taken_over(rest, joint, rest.without(joint, held, sorted(described)))
-    odds = whole.total() - rest.total() - cost
+    return whole, settled_angles(rest)
+
+
+def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing:
+    """wholes: as `_together` gives them. behind: columns in F behind those of the name."""
+    best = max(wholes, key=worth)
+    whole, rest = _with_and_without(best, name, behind)
+    if worth(whole) - worth(rest) - PRIOR_COST - name.cost >= ALTERNATIVE:
+        # A name that is not worth it here is worth no more beside another best model without it.
+        pairs = [(whole, rest), *(_with_and_without(each, name, behind) for each in wholes if each is not best)]
+        whole, rest = (max(options, key=worth) for options in zip(*pairs, strict=True))
+    own, without = _own(whole, name, behind), _own(rest, name, behind)
+    described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
+    odds = worth(whole) - worth(rest) - PRIOR_COST - name.cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
     rivals, kept, beside, particular = [], 0.0, dict[str, float](), 0.0
+
+    def torque_of(joint: int) -> FloatArray:
+        rows = whole.rows.joints[joint]
+        return np.asarray(rows.whitened[:, rows.columns + own] @ size)
+
     for joint in name.joints:
         losses, left = (side.losses(joint, side.states[joint]) for side in (rest, whole))
         for number, loss in left.items():
             beside[CLASSES[number].name] = max(loss, beside.get(CLASSES[number].name, 0.0))
             particular = particular if CLASSES[number].background else max(loss, particular)
         for number, loss in losses.items():
-            if loss < SPEAK or _carried(rest, joint, number, whole, own, size) < MOST:
+            if loss < SPEAK or _carried(rest, joint, number, torque_of(joint), without) < MOST:
                 continue
             rivals.append(CLASSES[number].name)
             # One that is missed as much with the name as without it is other physics on the same joint.
             if left.get(number, 0.0) <= MOST * loss:
                 kept = max(kept, left.get(number, 0.0))
+    if not whole.rows.angles or odds < ALTERNATIVE:
+        rivals += [of_angle(item.name) for item in rest.rows.angles]
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
     part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in described)
@@ -201,6 +240,8 @@ def _taken_over(selection: Selection, joint: int, state: JointState) -> Selectio
 
 def _unnamed(whole: Selection) -> bool:
     """Whether torque of no known form is beside the names on any joint: odds are then only as good as its functions."""
+    if whole.rows.angles:
+        return True
     found = (whole.losses(joint, state).values() for joint, state in enumerate(whole.states))
     return any(loss >= SPEAK for losses in found for loss in losses)
 
@@ -214,21 +255,22 @@ def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) ->
     named, unnamed = np.zeros((2, problem.n, problem.rows))
     for joint, (rows, state) in enumerate(zip(whole.rows.joints, whole.states, strict=True)):
         named[joint] = rows.whitened[:, rows.columns + own] @ size
+        weights, base = whole.mean(joint, state)
         if joint in name.joints:
-            unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ whole.mean(joint, state)[0]
+            unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ weights
+            for place in whole.rows.angle_columns:
+                unnamed[joint] += rows.whitened[:, rows.columns : -1][:, place] @ base[place]
     left = off(problem.basis, np.column_stack([named.ravel(), unnamed.ravel()]))
     shown, beside = (left**2).sum(axis=0).tolist()
     return shown, beside
 
 
-def _carried(rest: Selection, joint: int, number: int, whole: Selection, own: IntArray, size: FloatArray) -> float:
-    """Share of a name's torque on a joint that one class can carry beside the base parameters."""
+def _carried(rest: Selection, joint: int, number: int, torque: FloatArray, own: IntArray) -> float:
+    """Share of a name's whitened torque (R,) on a joint that one class can carry beside the base parameters."""
     state: JointState = rest.states[joint]
     places = rest.classes(joint, state)[number]
     rows = rest.rows.joints[joint]
-    first = rows.columns
-    torque = whole.rows.joints[joint].whitened[:, first + own] @ size
-    base = np.delete(rows.whitened[:, first:-1], own, axis=1)
+    base = np.delete(rows.whitened[:, rows.columns : -1], own, axis=1)
     columns = np.concatenate([rows.whitened[:, rest.columns(joint, state, places)], base], axis=1)
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
     plain = torque - base @ np.linalg.lstsq(base, torque, rcond=1e-9)[0]

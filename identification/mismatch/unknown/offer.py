@@ -17,9 +17,10 @@ from identification.mismatch.heldout import Residuals
 from identification.mismatch.search.extension import OPEN, nominal_factor
 from identification.mismatch.unknown.claims import Offer
 from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.dependence import weighed
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_of
-from identification.mismatch.unknown.predictive import Dropped, harmless, useful
+from identification.mismatch.unknown.predictive import LEAST_CHANGE, Dropped, harmless, useful
 from identification.mismatch.unknown.selection import Selection
 
 LISTED = 3
@@ -32,14 +33,29 @@ def offer(
     """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
 
     Base parameters beside them are those of `alone`. Where terms would go for these, they are fitted with the weights
-    (n, R) of the names' own fit too, and what leaves less of the held-out rows of all joints is offered.
+    (n, R) of the names' own fit too, and what leaves less of the held-out rows of all joints is offered. So are angles
+    that are off, all of them or none.
     """
-    found, dropped, logarithm = _offered(alone, left, before, None)
-    if dropped:
-        other = _offered(alone, left, before, weight)
+    found, dropped, logarithm = _with_best_weights(alone, left, before, weight)
+    if alone.rows.angles:
+        other = _with_best_weights(weighed(alone.rows.without_angles()), left, before, weight)
         if other[2] < logarithm:
-            found, dropped, _ = other
+            kinds = [kind.name for kind in CLASSES]
+            gone = dict.fromkeys((item.joint, kinds.index(item.name)) for item in alone.rows.angles)
+            found, dropped = other[0], (*other[1], *gone)
     return found, dropped
+
+
+def _with_best_weights(
+    alone: Selection, left: Left, before: Residuals, weight: FloatArray
+) -> tuple[Offer | None, tuple[Dropped, ...], float]:
+    """As `_offered`, with the weights that `offer` chooses."""
+    found = _offered(alone, left, before, None)
+    if found[1]:
+        other = _offered(alone, left, before, weight)
+        if other[2] < found[2]:
+            return other
+    return found
 
 
 def _offered(
@@ -59,7 +75,7 @@ def _offered(
     def left_of(selection: Selection) -> FloatArray:
         return replace(before, rows=left.of_rows(selection, base_beside(selection))[1]).rms_nm
 
-    nominal = Selection.nominal(alone.rows, range(alone.rows.folds))
+    nominal = Selection.nominal(alone.rows.without_angles(), range(alone.rows.folds))
     plain = before.rms_nm
     best = np.minimum(plain, left_of(nominal))
 
@@ -68,7 +84,9 @@ def _offered(
         selection, dropped = useful(alone, left_of, best)
     selection, more = harmless(selection, left_of, best, plain)
     dropped += more
-    if not any(state.groups for state in selection.states):
+    if alone.rows.angles and (left_of(selection) > (1.0 + LEAST_CHANGE) * plain).any():
+        return None, dropped, np.inf
+    if not any(state.groups for state in selection.states) and not selection.rows.angles:
         return None, dropped, float(np.log(plain).sum())
     base = base_beside(selection)
     fitted, unseen = left(selection, base)
@@ -105,9 +123,10 @@ def base_parameters(selection: Selection, base: FloatArray | None = None) -> tup
     kept = singular > OPEN * singular[0]
     back = ((inner[kept].T / singular[kept]) @ outer[:, kept].T @ (factor.T @ problem.basis)) / norms[:, None]
     now = selection.posterior(0, selection.states[0])
-    values = back @ (problem.basis.T @ problem.torque + (now.base if base is None else base))
-    size = now.base.size
-    covariance = now.covariance[-size:, -size:]
+    size = selection.rows.base
+    values = back @ (problem.basis.T @ problem.torque + (now.base[:size] if base is None else base))
+    first = now.covariance.shape[0] - now.base.size
+    covariance = now.covariance[first : first + size, first : first + size]
     count = selection.rows.evidences[0].nominal.shape[2]
     std = np.sqrt(np.maximum(np.einsum("pk,km,pm->p", back, covariance, back), 0.0))
     return values[:count], std[:count]

@@ -27,9 +27,10 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.settings import FADE, LEAST_SHOWN, SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
 from identification.mismatch.unknown.classes import CLASSES, Basis
+from identification.mismatch.unknown.evidence import products
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 from identification.mismatch.unknown.named import Named, shown_on, standings
-from identification.mismatch.unknown.rows import WIDE_BANDS_HZ, JointRows, Rows, functions_of, products, usual_groups
+from identification.mismatch.unknown.rows import WIDE_BANDS_HZ, JointRows, Rows, functions_of, usual_groups
 
 ASKED = (
     "constant", "own_position", "own_position_by_direction", "own_velocity", "own_load", "own_load_by_direction",

@@ -17,8 +17,9 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import BAND_EDGES_HZ, Problem, build_problem, with_torque
 from identification.mismatch.settings import FADE, FOLDS, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
+from identification.mismatch.unknown.angle import AngleBasis
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
-from identification.mismatch.unknown.evidence import FREE, JointGram
+from identification.mismatch.unknown.evidence import FREE, JointGram, products
 from identification.mismatch.unknown.inputs import Inputs, Ranges
 
 WIDE_BANDS_HZ = BAND_EDGES_HZ[1::2]
@@ -53,7 +54,8 @@ class Rows:
     without any; noise_odds: that it is another one. prior: (P,) precision beforehand of what stands in F.
     grams: per joint (parts, bands, M, M) products, and count (n, parts, bands) of their rows; all parts are one where
     the noise is measured, all bands where stretches are predicted (`resolved`: neither). cell: (R,) which of these a
-    row is in, part by part; parts · bands where in none.
+    row is in, part by part; parts · bands where in none. angles: groups of functions that a joint's angle is off by;
+    their columns stand in F behind those of the base parameters, in this order.
     """
 
     problem: Problem
@@ -73,6 +75,18 @@ class Rows:
     samples: tuple[int, int]
     noise_rows: float
     noise_odds: float
+    angles: tuple[AngleBasis, ...] = ()
+
+    @property
+    def base(self) -> int:
+        """Columns of the base parameters in F, the first ones."""
+        return int(self.problem.basis.shape[1])
+
+    @property
+    def angle_columns(self) -> list[slice]:
+        """Where in F the columns of each of `angles` stand."""
+        edges = self.base + np.cumsum([0, *(item.functions for item in self.angles)])
+        return [slice(first, last) for first, last in pairwise(edges.tolist())]
 
     @property
     def heldout(self) -> bool:
@@ -116,7 +130,7 @@ class Rows:
         return replace(
             self, problem=problem, joints=tuple(joints), grams=tuple(grams),
             misfit=_mean_square(problem, self.part < self.folds, self.samples[0]),
-            asked=self.asked & _worth_asking(problem, self.band),
+            asked=self.asked & worth_asking(problem, self.band),
         )  # fmt: skip
 
     def with_columns(self, names: Sequence[tuple[FloatArray, FloatArray]]) -> Rows:
@@ -135,6 +149,26 @@ class Rows:
             joints.append(replace(joint, whitened=whitened))
             grams.append(grown)
         return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.concatenate(prior))
+
+    def with_angle(
+        self, bases: Sequence[AngleBasis], columns: Sequence[FloatArray], deviation: Sequence[float]
+    ) -> Rows:
+        """With groups of functions that a joint's angle is off by, (n, R, m) Nm each. deviation: of each, rad."""
+        grown = self.with_columns([(part, np.ones(part.shape[2])) for part in columns])
+        own = [np.full(part.shape[2], size**-2.0) for part, size in zip(columns, deviation, strict=True)]
+        return replace(grown, prior=np.concatenate([self.prior, *own]), angles=(*self.angles, *bases))
+
+    def without_angles(self) -> Rows:
+        """The same without any."""
+        if not self.angles:
+            return self
+        gone = np.arange(self.base, self.angle_columns[-1].stop)
+        joints, grams = [], []
+        for joint, gram in zip(self.joints, self.grams, strict=True):
+            own = joint.columns + gone
+            joints.append(replace(joint, whitened=np.delete(joint.whitened, own, axis=1)))
+            grams.append(np.delete(np.delete(gram, own, axis=2), own, axis=3))
+        return replace(self, joints=tuple(joints), grams=tuple(grams), prior=np.delete(self.prior, gone), angles=())
 
     def further(self, joint: int, known: dict[Hashable, Found]) -> Found:
         """The further groups of all classes on a joint (from 0), with their whitened columns (R, m).
@@ -206,7 +240,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     inputs = tuple(Inputs(item.motion, every, 2.0 * FADE) for item in evidences)
     part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured)
     band = np.searchsorted(WIDE_BANDS_HZ, problem.frequency)
-    asked = _worth_asking(problem, band)
+    asked = worth_asking(problem, band)
     asked[list(named)] = True
     samples = (
         sum(item.samples for item in fitted.evidences),
@@ -263,7 +297,7 @@ def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool) -> tuple[
     return np.concatenate([fold, np.full(rest, folds)]), folds
 
 
-def _worth_asking(problem: Problem, band: IntArray) -> BoolArray:
+def worth_asking(problem: Problem, band: IntArray) -> BoolArray:
     """(n,) joints whose rows below some frequency hold more than noise, beyond the odds against a class."""
     if not problem.noise_is_measured:
         return np.ones(problem.n, dtype=np.bool_)
@@ -361,17 +395,3 @@ def _products(
     size = shape[0] * shape[1]
     count = [np.bincount(cell, weights=row > 0.0, minlength=size)[:size].reshape(shape) for row in problem.weight]
     return tuple(products(item.whitened, item.whitened, cell, shape) for item in joints), np.stack(count)
-
-
-def products(left: FloatArray, right: FloatArray, key: IntArray, shape: tuple[int, ...]) -> FloatArray:
-    """(parts, bands, M, M') products of the rows of each part and band. shape: (parts, bands)."""
-    parts, bands = shape
-    result = np.zeros((parts * bands, left.shape[1], right.shape[1]))
-    order = np.argsort(key, kind="stable")
-    edges = np.searchsorted(key[order], np.arange(parts * bands + 1))
-    for number, (first, last) in enumerate(pairwise(edges.tolist())):
-        rows = order[first:last]
-        block = left[rows]
-        # Of one array with itself only half of the products are computed.
-        result[number] = block.T @ (block if right is left else right[rows])
-    return result.reshape(parts, bands, left.shape[1], right.shape[1])

@@ -20,8 +20,8 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.motion import Motion
 from identification.mismatch.settings import ROUNDING, SPEAK
 from identification.mismatch.unknown.claims import ClassClaim
+from identification.mismatch.unknown.forms import rms_interval
 from identification.mismatch.unknown.functions import unwarped, warped
-from identification.mismatch.unknown.judgement import rms_interval
 from identification.signals.periods import PeriodTable
 
 FRAME_S = 0.1

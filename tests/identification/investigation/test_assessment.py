@@ -102,7 +102,7 @@ def test_a_form_is_held_against_the_classes_of_its_joint_however_little_that_sho
     Weak friction of joint 6 on seed 7340981: alone it led by 10 nats, beside a free function of the speed by 0.6.
     """
     monkeypatch.setattr(assessment, "MOST_WEIGHED", 2)
-    monkeypatch.setattr(rows_of_joints, "_worth_asking", lambda *_: np.zeros(7, dtype=np.bool_))
+    monkeypatch.setattr(rows_of_joints, "worth_asking", lambda *_: np.zeros(7, dtype=np.bool_))
     rows = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.008)
     found = assess(rows, asked=asked)
     assert "own_position" in {CLASSES[basis.number].name for basis in found.discrepancies.bases[2]}

@@ -20,8 +20,8 @@ from identification.mismatch.findings import Diagnosis
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.unknown import judgement
+from identification.mismatch.unknown.forms import rms_interval
 from identification.mismatch.unknown.functions import smooth_table
-from identification.mismatch.unknown.judgement import rms_interval
 from identification.mismatch.unknown.left import Left
 from identification.mismatch.unknown.model_terms import terms_torque
 from identification.mismatch.unknown.predictive import Dropped
