@@ -100,5 +100,5 @@ def test_half_stated_units_currents_among_torques_and_two_of_one_are_refused(tmp
         with pytest.raises(RecordingError, match=said):
             read(tmp_path / "table.csv", ["t", *some, *plain], [TIME, *Q.T, *TAU.T])
     mixed = [f"tau{j} [{'A' if j == 2 else 'Nm'}]" for j in range(1, JOINTS + 1)]
-    with pytest.raises(RecordingError, match="torques and currents"):
+    with pytest.raises(RecordingError, match="torques or currents"):
         read(tmp_path / "table.csv", ["t", *(f"q{j}" for j in range(1, JOINTS + 1)), *mixed], [TIME, *Q.T, *TAU.T])
