@@ -14,7 +14,7 @@ from identification.mismatch.unknown.angle_search import Angle, HeldAngle, angle
 from identification.mismatch.unknown.claims import AngleCurve, ClassClaim
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.forms import nearest_forms, size_of_weights
+from identification.mismatch.unknown.forms import nearest_forms, on_unseen_rows, size_of_weights
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.selection import Selection
 
@@ -42,7 +42,9 @@ def angle_claim(
     curve = _curve(found, item.angle, weights, covariance)
     gain = _gain(found, item.angle, before)
     others = tuple(dict.fromkeys(other for other, place in item.alternatives if place == joint))
-    sentence = _sentence(item, curve, rms, interval, most, joints.tolist(), gain)
+    sentence = _sentence(item, curve, rms, interval, most, joints.tolist())
+    if gain.size:
+        sentence += on_unseen_rows(float(gain[most]), float(found.after[1][most]), "that joint's RMS")
     shows_on = tuple((joints + 1).tolist())
     return ClassClaim(
         name, joint + 1, rms, interval, item.loss, gain, others, forms, sentence, curve, angle=True, shows_on=shows_on
@@ -91,7 +93,6 @@ def _sentence(
     interval: tuple[float, float],
     most: int,
     joints: Sequence[int],
-    gain: FloatArray,
 ) -> str:
     words, joint = item.angle[0].replace("_", " "), item.angle[1] + 1
     span = float(np.ptp(curve.mean_rad))
@@ -105,8 +106,4 @@ def _sentence(
     if item.alternatives:
         listed = " or ".join(f"the {name.replace('_', ' ')} of joint {place + 1}" for name, place in item.alternatives)
         text += f" These data cannot tell it from {listed}."
-    if gain.size:
-        change = float(gain[most])
-        verb = "lowers" if change >= 0.0 else "RAISES"
-        text += f" On data that were not fitted it {verb} that joint's RMS by {abs(change):.2g} Nm."
     return text

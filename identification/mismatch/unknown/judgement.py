@@ -24,7 +24,7 @@ from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, Class
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, beside_names
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.forms import nearest_forms, size_of_weights
+from identification.mismatch.unknown.forms import nearest_forms, on_unseen_rows, size_of_weights
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.named import of_angle
@@ -144,7 +144,8 @@ def _claims(
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        claim = _claim(alone.rows, alone, item, state, gain(item), problem, candidates)
+        after = float(found.after[1][item.joint])
+        claim = _claim(alone.rows, alone, item, state, gain(item), after, problem, candidates)
         if claim.interval_nm[0] > 0.0:
             # What may as well be nothing on the fitted rows is no finding.
             claims.append(claim)
@@ -191,9 +192,11 @@ def _claim(
     item: Held,
     state: JointState,
     gain: FloatArray,
+    after: float,
     problem: Problem,
     candidates: Sequence[EffectRows],
 ) -> ClassClaim:
+    """after: Nm that all classes leave of the joint on held-out rows."""
     joint, kind = item.joint, CLASSES[item.number]
     now = alone.posterior(joint, state)
     held = alone.classes(joint, state)
@@ -212,7 +215,9 @@ def _claim(
     others = (CLASSES[other] for other in item.alternatives)
     alternatives = tuple(dict.fromkeys(other.name for other in others if not other.within and other.name != name))
     curve = _curve(rows, item, state, places, weights, covariance)
-    sentence = _sentence(kind.words, item, rms, interval, alternatives, forms, gain)
+    sentence = _sentence(kind.words, item, rms, interval, alternatives, forms)
+    if gain.size:
+        sentence += on_unseen_rows(float(gain[joint]), after, "the joint's RMS")
     return ClassClaim(name, joint + 1, rms, interval, item.loss, gain, alternatives, forms, sentence, curve)
 
 
@@ -257,7 +262,6 @@ def _sentence(
     interval: tuple[float, float],
     alternatives: Sequence[str],
     forms: Sequence[NearestForm],
-    gain: FloatArray,
 ) -> str:
     text = (
         f"Joint {item.joint + 1}: a torque that {words}, {rms:.2g} Nm RMS ({interval[0]:.2g} to {interval[1]:.2g}) "
@@ -267,8 +271,4 @@ def _sentence(
         text += f" These data cannot tell it from {' or '.join(name.replace('_', ' ') for name in alternatives)}."
     if forms:
         text += f" Nearest form: {forms[0].effect.replace('_', ' ')}, {100 * forms[0].share:.0f} % of it."
-    if gain.size:
-        change = float(gain[item.joint])
-        verb = "lowers" if change >= 0.0 else "RAISES"
-        text += f" On data that were not fitted it {verb} the joint's RMS by {abs(change):.2g} Nm."
     return text
