@@ -144,8 +144,9 @@ def _claims(
         if CLASSES[item.number].name == "constant" and len(alone.classes(item.joint, state)) > 1:
             # Part of whatever else the joint's torque depends on.
             continue
-        after = float(found.after[1][item.joint])
-        claim = _claim(alone.rows, alone, item, state, gain(item), after, problem, candidates)
+        taken, after = gain(item), found.after[1]
+        unseen = on_unseen_rows(taken[item.joint], after[item.joint], "the joint's RMS") if taken.size else ""
+        claim = _claim(alone.rows, alone, item, state, taken, unseen, problem, candidates)
         if claim.interval_nm[0] > 0.0:
             # What may as well be nothing on the fitted rows is no finding.
             claims.append(claim)
@@ -192,11 +193,11 @@ def _claim(
     item: Held,
     state: JointState,
     gain: FloatArray,
-    after: float,
+    unseen: str,
     problem: Problem,
     candidates: Sequence[EffectRows],
 ) -> ClassClaim:
-    """after: Nm that all classes leave of the joint on held-out rows."""
+    """unseen: what is said of held-out rows."""
     joint, kind = item.joint, CLASSES[item.number]
     now = alone.posterior(joint, state)
     held = alone.classes(joint, state)
@@ -215,9 +216,7 @@ def _claim(
     others = (CLASSES[other] for other in item.alternatives)
     alternatives = tuple(dict.fromkeys(other.name for other in others if not other.within and other.name != name))
     curve = _curve(rows, item, state, places, weights, covariance)
-    sentence = _sentence(kind.words, item, rms, interval, alternatives, forms)
-    if gain.size:
-        sentence += on_unseen_rows(float(gain[joint]), after, "the joint's RMS")
+    sentence = _sentence(kind.words, item, rms, interval, alternatives, forms) + unseen
     return ClassClaim(name, joint + 1, rms, interval, item.loss, gain, alternatives, forms, sentence, curve)
 
 
