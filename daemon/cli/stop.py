@@ -27,19 +27,24 @@ def stop(service: Connection, json_file: JsonOption = None) -> None:
     """
     from daemon.runtime_folder import port_holders
 
+    reply: api.Stopped | None
+    failure = None
     if service.endpoint is not None:
         reply = service.ask(api.StopMotion(), api.Stopped)
     elif service.port is not None:
         reply = _stopped(service, service.port)
     else:
-        reply = _all_stopped(service, sorted({USUAL_PORT, *port_holders()}))
-    show(reply, json_file, reply.sentence)
+        reply, failure = _all_stopped(service, sorted({USUAL_PORT, *port_holders()}))
+    if reply is not None:
+        show(reply, json_file, reply.sentence)
+    if failure is not None:
+        raise failure
 
 
-def _all_stopped(service: Connection, ports: list[int]) -> api.Stopped:
-    """What the stops on several UDP ports did, as one answer. Each is asked at once: none waits for another's silence.
+def _all_stopped(service: Connection, ports: list[int]) -> tuple[api.Stopped | None, DaemonError | None]:
+    """What the stops on several UDP ports did, as one answer, and the first failure of another one.
 
-    Raises NothingToStopError when there is nothing on any, and after the other stops the first other error of one.
+    Each is asked at once: none waits for another's silence. Raises NothingToStopError when there is nothing on any.
     """
 
     def attempt(port: int) -> api.Stopped | DaemonError:
@@ -52,20 +57,22 @@ def _all_stopped(service: Connection, ports: list[int]) -> api.Stopped:
         outcomes = dict(zip(ports, pool.map(attempt, ports), strict=True))
     stops = {port: each for port, each in outcomes.items() if isinstance(each, api.Stopped)}
     failures = [e for e in outcomes.values() if isinstance(e, DaemonError) and not isinstance(e, NothingToStopError)]
-    if failures:
-        raise failures[0]
+    failure = failures[0] if failures else None
     if not stops:
-        raise NothingToStopError(None, [])
+        if failure is None:
+            raise NothingToStopError(None, [])
+        return None, failure
     replies = list(stops.values())
     if len(replies) == 1:
-        return replies[0]
-    return api.Stopped(
+        return replies[0], failure
+    together = api.Stopped(
         was_moving=any(each.was_moving for each in replies),
         already=all(each.already for each in replies),
         run=next((each.run for each in replies if each.run is not None), None),
         held=sum(each.held for each in replies),
         sentence="\n".join(f"UDP port {port}: {each.sentence}" for port, each in stops.items()),
     )
+    return together, failure
 
 
 def _stopped(service: Connection, port: int) -> api.Stopped:
@@ -82,7 +89,10 @@ def _stopped(service: Connection, port: int) -> api.Stopped:
         holders = port_holders()
     if port not in holders:
         raise NothingToStopError(port, sorted(holders))
-    os.kill(holders[port], signal.SIGINT)
+    try:
+        os.kill(holders[port], signal.SIGINT)
+    except ProcessLookupError:
+        raise NothingToStopError(port, []) from None
     sentence = (
         f"Process {holders[port]}, which drives on UDP port {port}, was asked for the stop ramp; it ends with a "
         "confirmed standstill or says that it is not confirmed."

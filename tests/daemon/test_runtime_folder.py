@@ -10,12 +10,15 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from daemon.cli.app import main
+from daemon.cli.service import Connection
 from daemon.endpoints import LONGEST_SOCKET_PATH
 from daemon.errors import ConfigurationError, PortInUseError
+from daemon.queue.control_api import RefusedRequestError
 from daemon.runtime_folder import default_endpoint, lock_folder, lock_port, port_holders, runtime_folder
 from daemon.stop_handle import StopHandle
 from tests.daemon.command_line import run
@@ -71,6 +74,27 @@ def test_stop_without_a_port_reaches_whatever_this_user_drives(capsys: pytest.Ca
         assert all(f"UDP port {port}: Process {os.getpid()}" in said for port in (first, second))
     assert run("stop") == 69
     assert "on any UDP port" in capsys.readouterr().err
+
+
+def test_a_stop_that_one_service_refuses_says_the_others_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arms that were stopped stood nowhere, only the error did."""
+    port, refusing, stop = free_udp_port(), free_udp_port(), StopHandle()
+    plain = Connection.ask
+
+    def ask(service: Connection, request: Any, kind: Any) -> Any:
+        if service.port == refusing:
+            raise RefusedRequestError("refused", "This client has no key.", 69)
+        return plain(service, request, kind)
+
+    monkeypatch.setattr(Connection, "ask", ask)
+    with stop.on_signals(), lock_port("127.0.0.1", port), lock_port("127.0.0.1", refusing):
+        assert run("stop") == 69
+    said = capsys.readouterr()
+    assert stop.signal_number == signal.SIGINT
+    assert f"Process {os.getpid()}" in said.out
+    assert "no key" in said.err
 
 
 @pytest.mark.parametrize("left", ["", "1\n", "no number"])
