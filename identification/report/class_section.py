@@ -46,17 +46,15 @@ def _panel(claim: ClassClaim) -> Panel | None:
         return None
     words = claim.name.replace("_", " ")
     if isinstance(curve, AngleCurve):
-        return Panel(
-            f"Joint {claim.joint}: {words}, its angle",
-            f"{curve.coordinate} ({curve.unit})",
-            "true minus measured angle (rad)",
-            (Line("fitted", curve.place, curve.mean_rad, curve.std_rad),),
-            f"angle over {curve.coordinate}, from {curve.mean_rad.min():.2g} to {curve.mean_rad.max():.2g} rad",
-        )
+        mean, std, unit, what, title = curve.mean_rad, curve.std_rad, "rad", "angle", f"{words}, its angle"
+        axis = "true minus measured angle (rad)"
+    else:
+        mean, std, unit, what, title = curve.mean_nm, curve.std_nm, "Nm", "torque of the class", words
+        axis = "torque (Nm)"
     return Panel(
-        f"Joint {claim.joint}: {words}",
+        f"Joint {claim.joint}: {title}",
         f"{curve.coordinate} ({curve.unit})",
-        "torque (Nm)",
-        (Line("fitted", curve.place, curve.mean_nm, curve.std_nm),),
-        f"torque of the class over {curve.coordinate}, from {curve.mean_nm.min():.2g} to {curve.mean_nm.max():.2g} Nm",
+        axis,
+        (Line("fitted", curve.place, mean, std),),
+        f"{what} over {curve.coordinate}, from {mean.min():.2g} to {mean.max():.2g} {unit}",
     )

@@ -13,6 +13,9 @@ from identification.mismatch.effects.displacement import torque_of_displacement
 from identification.mismatch.effects.own_joint import joint_index
 from identification.mismatch.motion import Motion
 
+LARGEST_RAD = 0.1
+"""Most that an angle is searched to be off."""
+
 
 class JointZeroOffset(Effect):
     """ID(q + e_j δ) − ID(q): the true angle is q_j + δ.
@@ -29,7 +32,7 @@ class JointZeroOffset(Effect):
 
     def shape_parameters(self, motion: Motion, place: Place) -> tuple[ShapeParameter, ...]:
         """The offset again: the torque is not linear in it."""
-        return (ShapeParameter("at_offset", "rad", (0.0,), -0.1, 0.1, logarithmic=False, tied=True),)
+        return (ShapeParameter("at_offset", "rad", (0.0,), -LARGEST_RAD, LARGEST_RAD, logarithmic=False, tied=True),)
 
     def columns(self, motion: Motion, place: Place, shape: Mapping[str, float]) -> Columns | None:
         """Torque on all joints per rad, chord up to the offset of the shape.

@@ -40,8 +40,7 @@ def without_objection(
     """The members that no rule objects to, fitted without the others; sentences on these; those of them that are there.
 
     The rules are asked in turn, and from the first again after each member that goes: the one worth least by the rule
-    that objects. In its place the best of the names is asked that the fitted
-    recordings cannot tell from it.
+    that objects. In its place the best of the names is asked that the fitted recordings cannot tell from it.
     """
     remarks, fallen, instead = list[str](), set[tuple[str, Place]](), dict[tuple[str, Place], str]()
     # Of a name that took the place of another: what is there though it was too weak for the first of them.

@@ -17,8 +17,6 @@ from identification.mismatch.effects.displacement import torque_of_small
 from identification.mismatch.unknown.classes import CLASSES, NOTHING, Functions, Part, load_functions
 from identification.mismatch.unknown.inputs import Inputs
 
-LARGEST_RAD = 0.1
-"""Most that an angle is off: what a zero offset is searched up to."""
 SMALLEST_RAD = 1e-8
 """Deviation below which functions of an angle are none: the finest encoders tell no more."""
 

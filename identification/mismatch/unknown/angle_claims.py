@@ -9,18 +9,15 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import EffectRows
+from identification.mismatch.settings import CAPTURE
 from identification.mismatch.unknown.angle import ANGLES
 from identification.mismatch.unknown.angle_search import Angle, HeldAngle, angle_of, without_angles
 from identification.mismatch.unknown.claims import AngleCurve, ClassClaim
 from identification.mismatch.unknown.dependence import Dependence
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.forms import nearest_forms, on_unseen_rows, size_of_weights
+from identification.mismatch.unknown.forms import CURVE_POINTS, nearest_forms, on_unseen_rows, size_of_weights
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.selection import Selection
-
-CURVE_POINTS = 241
-SHOWN = 0.1
-"""Share of the most that an angle shows on any joint, from which it is said to show on one."""
 
 
 def angle_claim(
@@ -36,7 +33,7 @@ def angle_claim(
     ]
     torque = np.stack([part @ weights for part in columns])
     shown = np.sqrt((off(problem.basis, torque.ravel()).reshape(torque.shape) ** 2).sum(axis=1))
-    most, joints = int(shown.argmax()), np.flatnonzero(shown > SHOWN * shown.max(initial=0.0))
+    most, joints = int(shown.argmax()), np.flatnonzero(shown > CAPTURE * shown.max(initial=0.0))
     rms, interval = _size(alone, columns, most, weights, covariance)
     forms = nearest_forms(problem, candidates, joint, torque)
     curve = _curve(found, item.angle, weights, covariance)

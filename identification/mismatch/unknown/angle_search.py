@@ -13,8 +13,9 @@ import numpy as np
 from scipy.linalg import cholesky, lapack, solve_triangular
 
 from identification.arrays import FloatArray
+from identification.mismatch.effects.joint_zero_offset import LARGEST_RAD
 from identification.mismatch.settings import ALTERNATIVE, PRIOR_COST
-from identification.mismatch.unknown.angle import ANGLES, LARGEST_RAD, SMALLEST_RAD, AngleBasis
+from identification.mismatch.unknown.angle import ANGLES, SMALLEST_RAD, AngleBasis
 from identification.mismatch.unknown.evidence import ABSENT, FREE, Shared, largest_gain
 from identification.mismatch.unknown.rows import Rows, worth_asking
 from identification.mismatch.unknown.selection import FEW_ROUNDS, FULL_ROUNDS, Selection

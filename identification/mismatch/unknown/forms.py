@@ -16,6 +16,8 @@ from identification.mismatch.settings import CAPTURE
 from identification.mismatch.unknown.claims import NearestForm
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 
+CURVE_POINTS = 241
+"""Of a class's curve: some ten for each wave of the narrowest functions."""
 FORMS_NAMED = 3
 
 

@@ -24,7 +24,7 @@ from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, Class
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import Dependence, beside_names
 from identification.mismatch.unknown.evidence import FREE
-from identification.mismatch.unknown.forms import nearest_forms, on_unseen_rows, size_of_weights
+from identification.mismatch.unknown.forms import CURVE_POINTS, nearest_forms, on_unseen_rows, size_of_weights
 from identification.mismatch.unknown.inputs import Along
 from identification.mismatch.unknown.left import shortened
 from identification.mismatch.unknown.named import of_angle
@@ -32,9 +32,6 @@ from identification.mismatch.unknown.offer import offer, refusal
 from identification.mismatch.unknown.predictive import LEAST_CHANGE
 from identification.mismatch.unknown.rows import Rows
 from identification.mismatch.unknown.selection import Held, JointState, Selection
-
-CURVE_POINTS = 241
-"""Some ten for each wave of the narrowest functions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

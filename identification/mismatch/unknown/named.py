@@ -36,6 +36,11 @@ class Named:
     size: FloatArray
     cost: float
 
+    @property
+    def described(self) -> frozenset[int]:
+        """Numbers of the classes that the name describes."""
+        return frozenset(number for number, kind in enumerate(CLASSES) if self.effect in kind.described)
+
 
 @dataclass(frozen=True, slots=True)
 class Standing:
@@ -165,16 +170,15 @@ def _own(selection: Selection, name: Named, behind: int) -> IntArray:
 
 def _with_and_without(whole: Selection, name: Named, behind: int) -> tuple[Selection, Selection]:
     """The best that there is with a name and without it."""
-    described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     prior = whole.rows.prior.copy()
     prior[_own(whole, name, behind)] *= ABSENT
     rest = Selection(replace(whole.rows, prior=prior), whole.worlds, whole.signs, list(whole.states))
     for joint in name.joints:
         if whole.rows.asked[joint]:
             held = whole.states[joint]
-            rest.states[joint] = eliminated(rest, joint, described)
+            rest.states[joint] = eliminated(rest, joint, name.described)
             whole = _taken_over(whole, joint, rest.states[joint])
-            rest = _taken_over(rest, joint, rest.without(joint, held, sorted(described)))
+            rest = _taken_over(rest, joint, rest.without(joint, held, sorted(name.described)))
     return whole, settled_angles(rest)
 
 
@@ -187,7 +191,6 @@ def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing
         pairs = [(whole, rest), *(_with_and_without(each, name, behind) for each in wholes if each is not best)]
         whole, rest = (max(options, key=worth) for options in zip(*pairs, strict=True))
     own, without = _own(whole, name, behind), _own(rest, name, behind)
-    described = frozenset(number for number, kind in enumerate(CLASSES) if name.effect in kind.described)
     odds = worth(whole) - worth(rest) - PRIOR_COST - name.cost
     base = whole.posterior(0, whole.states[0])
     size = base.base[own]
@@ -213,7 +216,7 @@ def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing
         rivals += [of_angle(item.name) for item in rest.rows.angles]
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
-    part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in described)
+    part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in name.described)
     shown, unnamed = _energies(whole, name, own, size)
     clear = shown >= LEAST_SHOWN
     stands = (
