@@ -16,9 +16,10 @@ from identification.arrays import FloatArray
 from identification.mismatch.claims import Claims
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem
+from identification.mismatch.search.detection import band_power
 from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows
-from identification.mismatch.settings import SPEAK, DiagnosisSettings
+from identification.mismatch.settings import SPEAK, UNLIKELY
 from identification.mismatch.unknown.angle_claims import angle_claim
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
@@ -85,8 +86,7 @@ def judge(
     claims = sorted([*claims, *angles], key=lambda claim: -claim.significance) if angles else claims
     if problem.noise_is_measured and not smooth:
         said = {joint - 1 for claim in claims for joint in (claim.joint, *claim.shows_on)}
-        chance = names.power.probability.min(axis=1)
-        beyond = chance < DiagnosisSettings().consistency_probability
+        beyond = np.maximum(names.power.probability.min(axis=1), _chance_beside_classes(found, problem)) < UNLIKELY
         claims += [_somewhere(names, problem, joint) for joint in np.flatnonzero(beyond).tolist() if joint not in said]
     claims = [_with_names(claim, names) for claim in claims]
     model = ClassModel(names.before.rms_nm, found.after[0], before, found.after[1])
@@ -94,6 +94,15 @@ def judge(
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
+
+
+def _chance_beside_classes(found: Dependence, problem: Problem) -> FloatArray:
+    """(n,) least chance, over the bands, that what the classes leave of the fitted rows is noise.
+
+    Torque without a name on one joint bends the base parameters, and without its class shows on others too.
+    """
+    left = found.left.of_rows(found.alone)[0] * problem.weight
+    return np.asarray(band_power(problem, left.ravel()).probability.min(axis=1))
 
 
 def _gain(found: Dependence, before: FloatArray, item: Held) -> FloatArray:
@@ -173,7 +182,7 @@ def _somewhere(names: Claims, problem: Problem, joint: int) -> ClassClaim:
     power, left = names.power, names.after
     energy, deviation = left.excess_energy[joint], left.excess_deviation[joint]
     rms, low, high = (float(np.sqrt(max(energy + sign * 1.96 * deviation, 0.0))) for sign in (0.0, -1.0, 1.0))
-    bands = np.flatnonzero(power.probability[joint] < DiagnosisSettings().consistency_probability)
+    bands = np.flatnonzero(power.probability[joint] < UNLIKELY)
     ranges = [problem.frequency[problem.band == band] for band in bands]
     places = " and ".join(f"{values.min():.2g} to {values.max():.2g} Hz" for values in ranges)
     sentence = (

@@ -145,6 +145,24 @@ def test_the_page_says_the_class_and_draws_its_curve_with_a_band(humped: Diagnos
     assert section.blocks[-1].caption.endswith(", Nm")  # at the end, where "(N of prismatic joints)" is put
 
 
+def test_a_strong_class_of_one_joint_leaves_nothing_to_be_said_of_another(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """It bends the base parameters, so that without its class other joints are left more than noise, too."""
+
+    def sensor_bends(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        del q, dq
+        return on_joint(4, 4.0 * (torque[:, 3] / np.abs(torque[:, 3]).max()) ** 3)
+
+    fitted, unseen = (
+        record(iiwa14, table3, sensor_bends, motion=12),
+        record(iiwa14, table3, sensor_bends, periods=4, seed=2),
+    )
+    found = diagnose([fitted], iiwa14, heldout=[unseen])
+    assert found.classes[0].name == "own_load"
+    assert {item.joint for item in found.classes} == {4}
+
+
 def test_what_only_the_held_out_recording_shows_is_no_class_of_the_arm(
     iiwa14: RobotModel, table3: PhysicalParameters
 ) -> None:
