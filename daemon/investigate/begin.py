@@ -44,8 +44,8 @@ def begun(given: Sequence[Path], robot: str | None, budget_s: float, seed: int) 
         default_trajectory(arm)
     except TrajectoryNotFoundError:
         raise ConfigurationError(
-            f"investigate has motions for an iiwa 14 only, and this arm is {arm}; nothing was moved. For another arm "
-            f"design two motions (`iiwa-ident design --robot {arm}`), record them, and give both to `iiwa-ident "
+            f"investigate has motions for an iiwa 14 or 7 only, and this arm is {arm}; nothing was moved. For another "
+            f"arm design two motions (`iiwa-ident design --robot {arm}`), record them, and give both to `iiwa-ident "
             "diagnose`, the second with --heldout.",
             field="--robot",
         ) from None

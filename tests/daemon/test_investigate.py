@@ -30,6 +30,7 @@ from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 from tests.daemon.command_line import run
 from tests.daemon.scripted_investigation import ScriptedDriver, begun, investigation, scripted_study
+from tests.reference import recording_file
 
 WAYS = """
 diagnosing  nothing_open     settled
@@ -315,8 +316,8 @@ def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
         (("--budget", "3", "--from", "a.npz", "--robot", "iiwa7"), 78, "it is of iiwa14"),
         (("--budget", "3", "--from", "nameless.npz"), 65, "does not say which robot it is of; give --robot"),
         (("--budget", "3", "--from", "a.npz", "--from", "seven.npz"), 65, "is of robot iiwa7"),
-        (("--budget", "4", "--robot", "iiwa7"), 78, "motions for an iiwa 14 only, and this arm is iiwa7"),
-        (("--budget", "3", "--from", "seven.npz"), 78, "`iiwa-ident design --robot iiwa7`"),
+        (("--budget", "4", "--robot", str(recording_file("med7dock.urdf"))), 78, "motions for an iiwa 14 or 7 only"),
+        (("--budget", "3", "--from", "other.npz"), 78, "`iiwa-ident design --robot ur10`"),
         (
             ("--budget", "3", "--from", "a.npz", "--from", "a.npz"),
             65,
@@ -341,6 +342,7 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     recording(tmp_path / "a.npz")
     recording(tmp_path / "b.npz", 1)
     recording(tmp_path / "seven.npz", 1, "iiwa7")
+    recording(tmp_path / "other.npz", 1, "ur10")
     recording(tmp_path / "nameless.npz", 1, None)
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())

@@ -39,7 +39,7 @@ QUICK = DesignSettings(
 
 def _condition_number(trajectory: FourierTrajectory) -> float:
     motion = trajectory.evaluate(np.arange(1000) / 100.0)
-    stacked = BaseRegressor(load_robot("iiwa14")).matrix(*motion).reshape(7000, 57)
+    stacked = BaseRegressor(load_robot(trajectory.robot)).matrix(*motion).reshape(7000, 57)
     return float(np.linalg.cond(stacked))
 
 
@@ -53,17 +53,22 @@ def test_the_shipped_excitation_reaches_the_papers_condition_number_under_the_fu
     assert report["samples"] == 10_000
 
 
+@pytest.mark.parametrize("robot", ["iiwa14", "iiwa7"])
 @pytest.mark.parametrize("shipped", [default_trajectory, validation_trajectory])
-def test_a_shipped_file_says_how_it_was_made_and_what_it_achieves(shipped: Callable[[], FourierTrajectory]) -> None:
-    trajectory = shipped()
+def test_a_shipped_file_says_how_it_was_made_and_what_it_achieves(
+    shipped: Callable[[str], FourierTrajectory], robot: str
+) -> None:
+    trajectory = shipped(robot)
+    assert trajectory.robot == robot
     assert isinstance(trajectory.record["seed"], int)
     assert trajectory.record["settings"]["harmonics"] == trajectory.harmonics
     assert trajectory.record["achieved"]["cond"] == pytest.approx(_condition_number(trajectory), rel=1e-6)
-    assert verify(trajectory, iiwa_limits("iiwa14"))["within_limits"]
+    assert verify(trajectory, iiwa_limits(robot))["within_limits"]
 
 
-def test_the_validation_motion_is_another_motion() -> None:
-    fitted, other = default_trajectory().table(100.0), validation_trajectory().table(100.0)
+@pytest.mark.parametrize("robot", ["iiwa14", "iiwa7"])
+def test_the_validation_motion_is_another_motion(robot: str) -> None:
+    fitted, other = default_trajectory(robot).table(100.0), validation_trajectory(robot).table(100.0)
     correlation = [abs(np.corrcoef(fitted[:, joint], other[:, joint])[0, 1]) for joint in range(7)]
     assert max(correlation) < 0.9
 
@@ -220,14 +225,15 @@ def test_limits_for_another_number_of_joints_are_refused() -> None:
         design_excitation(robot, short, QUICK)
 
 
+@pytest.mark.parametrize("robot", ["iiwa14", "iiwa7"])
 @pytest.mark.parametrize("shipped", [default_trajectory, validation_trajectory])
-def test_the_preflight_accepts_what_is_shipped(shipped: Callable[[], FourierTrajectory]) -> None:
+def test_the_preflight_accepts_what_is_shipped(shipped: Callable[[str], FourierTrajectory], robot: str) -> None:
     # Limits, stops at any moment, self-collision and floor, by the package that guards the robot.
     report = preflight(
-        shipped().table(1000.0),
+        shipped(robot).table(1000.0),
         0.001,
-        limits_for("iiwa14"),
-        geometry=load_geometry("iiwa14"),
+        limits_for(robot),
+        geometry=load_geometry(robot),
         workspace=Workspace(),
         stop_stride=500,
     )
