@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import softmax
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
@@ -182,8 +183,9 @@ class Chooser:
         Were nothing there that has a name, no motion would be better than another: forms count as if one were true.
         """
         alive = self.assessment.alive
-        weights = np.array([0.0 if item.without_name else item.probability for item in alive])
-        weights = weights / max(float(weights.sum()), 1e-300)
+        # From the log odds: beside a large error of the model every probability of a form is 0 in floating point.
+        odds = np.array([-np.inf if item.without_name else item.log_odds for item in alive])
+        weights = softmax(odds) if np.isfinite(odds).any() else np.zeros(len(odds))
         off = ~np.eye(len(weights), dtype=bool)
         least = np.where(off, found.gain, np.inf).min(axis=1)
         chance = found.probability + found.named

@@ -98,6 +98,20 @@ def test_a_name_is_earned_by_more_over_a_name_than_over_a_class() -> None:
                                                                          0.9 * told, abs=0.11)  # fmt: skip
 
 
+def test_beside_an_error_that_outweighs_every_form_the_motion_that_tells_most_of_a_form_is_worth_more() -> None:
+    """Truth: 1500 nats are odds that no floating-point probability holds; what a motion adds is the same."""
+    alive = (
+        replace(NOTHING, probability=1.0, beside=(np.array([0.2]),)),
+        hypothesis("cable_spring", -1500.0, 0.0),
+        hypothesis("torque_offset", -1505.0, 0.0),
+    )
+    chooser: Any = SimpleNamespace(assessment=SimpleNamespace(alive=alive))
+    values = [
+        Chooser._value(chooser, Forecast(0.0, 0.0, None, gain * (1.0 - np.eye(3)))) for gain in (1.0, 10.0, 100.0)
+    ]
+    assert values[0] < values[1] < values[2]
+
+
 def test_a_motion_that_no_form_needs_is_not_worth_its_time() -> None:
     few = np.zeros((1, 1))
     assert Forecast(0.5, 0.5, None, few, forms=0.5, named=0.9, named_now=0.2).worth_driving
