@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -84,7 +85,7 @@ class Stated:
         """Of some recordings; None for one joint, and for joints that follow others. Raises RecordingError for
         recordings at rest or too short.
         """
-        return None if robot.mimics or robot.n < 2 else cls.of_rows(rows_of(recordings), robot)
+        return None if robot.mimics or robot.n < 2 else _stated(tuple(recordings), robot)
 
     @classmethod
     def of_rows(cls, rows: Rows, robot: RobotModel) -> Stated:
@@ -123,6 +124,12 @@ class Stated:
             return None
         after, before = (float((item.left(gravity, weight, factor) ** 2 / std**2).sum()) for item in (other, rival))
         return gain if after <= STAYS * before else None
+
+
+@lru_cache(maxsize=1)
+def _stated(recordings: tuple[Recording, ...], robot: RobotModel) -> Stated:
+    """One reading after the other is held against it."""
+    return Stated.of_rows(rows_of(recordings), robot)
 
 
 def exchanged_positions(

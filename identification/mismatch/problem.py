@@ -31,7 +31,7 @@ class Problem:
     per unit, base parameters first, then nuisances. basis: (n R, p') orthonormal basis of the nominal columns,
     whitened. residual: (n R,) torque off the basis. noise_is_measured: in every evidence; else nothing proves that
     only noise is left. unnamed: per joint, where rows are weighted beside torque of no known form (`beside`),
-    orthonormal directions (R, k) that it spreads along, and the share (k,) along each that is taken off the rows.
+    orthonormal directions (R, k) that it spreads along, and the share (k,) along each that stays of the rows.
     """
 
     n: int
@@ -52,9 +52,16 @@ class Problem:
         """Torque rows (len(joints), R, m) Nm in units of all that is not modelled, the same shape."""
         result = rows * self.weight[list(joints)][..., None]
         for place, joint in enumerate(joints if self.unnamed else ()):
-            along, share = self.unnamed[joint]
-            result[place] -= along @ (share[:, None] * (along.T @ result[place]))
+            along, stays = self.unnamed[joint]
+            result[place] -= along @ ((1.0 - stays)[:, None] * (along.T @ result[place]))
         return np.asarray(result, dtype=np.float64)
+
+    def whitened_unnamed(self, rows: FloatArray, joint: int) -> FloatArray:
+        """(n R, m) of rows (R, m) Nm of one joint that are part of `unnamed`: `whitened` would lose their digits."""
+        along, stays = self.unnamed[joint]
+        result = np.zeros((self.n, self.rows, rows.shape[1]))
+        result[joint] = along @ (stays[:, None] * (along.T @ (rows * self.weight[joint][:, None])))
+        return result.reshape(self.n * self.rows, -1)
 
     @property
     def rows(self) -> int:
@@ -130,7 +137,7 @@ def beside(problem: Problem, spread_by: Sequence[FloatArray], inflation: FloatAr
     unnamed = []
     for columns, scale in zip(spread_by, weight, strict=True):
         along, size, _ = np.linalg.svd(columns * scale[:, None], full_matrices=False)
-        unnamed.append((along, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
+        unnamed.append((along, 1.0 / np.sqrt(1.0 + size**2)))
     changed = replace(problem, weight=weight, noise=problem.noise * inflation, unnamed=tuple(unnamed))
     size = problem.basis.shape[1]
     rows = np.column_stack([problem.basis, problem.torque]).reshape(problem.n, problem.rows, -1)

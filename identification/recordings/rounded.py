@@ -84,10 +84,13 @@ def last_decimal(numbers: FloatArray) -> float:
     steps = [smallest]
     for each in np.unique(decade):
         those = distinct[decade == each]
-        asked = [unit * 10.0**-place for unit in UNITS for place in range(-1, 7)] if len(those) >= FEWEST_ROWS else []
-        parts = those[:, None] / np.array(asked)
-        whole = (np.abs(parts - np.maximum(np.rint(parts), 1.0)) < HALF - 0.5).all(axis=0)
-        steps += [step for step, fits in zip(asked, whole, strict=True) if fits]
+        if len(those) < FEWEST_ROWS:
+            continue
+        asked = np.array([unit * 10.0**-place for unit in UNITS for place in range(-1, 7)])
+        for some in (those[:FEWEST_ROWS], those):  # a few numbers tell of nearly every step that it is none
+            parts = some[:, None] / asked
+            asked = asked[(np.abs(parts - np.maximum(np.rint(parts), 1.0)) < HALF - 0.5).all(axis=0)]
+        steps += asked.tolist()
     return max(steps)
 
 

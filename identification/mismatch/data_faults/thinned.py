@@ -16,6 +16,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.mismatch.data_faults.rival_physics import beside, rival_physics
 from identification.recordings.recording import Recording
+from identification.remembered import once_per_object
 from identification.signals.aperiodic import process_aperiodic
 from identification.signals.periodic import process_periodic
 from identification.signals.processed import ProcessedSignals
@@ -34,6 +35,7 @@ class Thinned:
     rivals: tuple[FloatArray, ...]
 
 
+@once_per_object
 def thinned_stretch(recording: Recording) -> Thinned | None:
     """At most MOST_STATES samples of the longest stretch, spread evenly over those that count, torque smoothed over
     0.1 s; None where the recording has no stretch.

@@ -5,7 +5,7 @@ The rigid-body quantities are those of `dynamics`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -52,20 +52,25 @@ def torque_of_displacement(motion: Motion, joint: int, displacement: FloatArray,
     left the second is no small part.
     """
     if size == 0.0:
-        return torque_of_small(motion, joint, displacement[:, None])[..., 0]
+        return np.concatenate(list(torque_of_small(motion, joint, displacement[:, None])), axis=1)
     rate = time_derivative(motion, displacement)
     growth = time_derivative(motion, rate)
     return change_of_torque(motion, joint, size * displacement, size * rate, size * growth) / size
 
 
-def torque_of_small(motion: Motion, joint: int, displacements: FloatArray) -> FloatArray:
-    """Torque on all joints, (S, n, m) Nm, of each of some displacements (S, m) rad of one joint, to first order."""
+def torque_of_small(motion: Motion, joint: int, displacements: FloatArray) -> Iterator[FloatArray]:
+    """Torque on each of all joints in turn, (S, m) Nm, of each of some displacements (S, m) rad of one, to first order.
+
+    That on all joints together is too large for a processor's memory near by.
+    """
     rate = time_derivative(motion, displacements)
+    growth = time_derivative(motion, rate)
     derivatives = torque_derivatives(motion, joint)
-    torque = derivatives.position[..., None] * displacements[:, None]
-    torque += derivatives.velocity[..., None] * rate[:, None]
-    torque += derivatives.acceleration[..., None] * time_derivative(motion, rate)[:, None]
-    return torque
+    for place in range(motion.n):
+        torque = derivatives.position[:, place, None] * displacements
+        torque += derivatives.velocity[:, place, None] * rate
+        torque += derivatives.acceleration[:, place, None] * growth
+        yield torque
 
 
 def torque_behind_spring(

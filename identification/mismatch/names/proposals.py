@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from identification.mismatch.search.library import EffectRows, Library
-from identification.mismatch.search.refinement import Member, score_of
-from identification.mismatch.search.screening import build_screen
+from identification.mismatch.search.refinement import Member, refine, score_of
+from identification.mismatch.search.screening import build_screen, without_noise
 from identification.mismatch.search.search import Renewal, SearchResult, on_own_torque, polished, shortlist
 from identification.mismatch.search.trial import Trial, fitted, pruned
 from identification.mismatch.settings import DiagnosisSettings
@@ -53,13 +53,19 @@ def _best_move(
 ) -> tuple[Member, frozenset[ClassOnJoint]] | None:
     """The name that gains most beside what is held, and the class it takes the place of, if any."""
     taken = {(member.effect.name, member.place) for member in members}
+    whole = fitted(classes.problem(held), members, settings).problem
+    screen = build_screen(whole, candidates)
     best, found = 0.0, None
     for replaced in (frozenset[ClassOnJoint](), *(frozenset([place]) for place in sorted(held))):
         joints, loss = {joint for joint, _ in replaced}, sum(classes.losses[place] for place in replaced)
-        near = [item for item in candidates if joints <= set(item.joints)]
-        problem = fitted(classes.problem(held - replaced), members, settings).problem
-        screen = build_screen(problem, near)
-        for member in shortlist(screen, library, taken, least=max(settings.provisional_score, loss + best)):
+        seen = screen
+        for place in replaced:
+            seen = without_noise(screen, whole.whitened_unnamed(classes.columns[place], place[0]))
+        chosen = shortlist(seen, library, taken, least=max(settings.provisional_score, loss + best), joints=joints)
+        if not chosen:
+            continue
+        problem = fitted(classes.problem(held - replaced), members, settings).problem if replaced else whole
+        for member in (refine(problem, library, item) for item in chosen):
             score = score_of(problem, member)
             if score >= settings.provisional_score and score - loss > best:
                 best, found = score - loss, (member, replaced)

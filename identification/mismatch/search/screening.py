@@ -6,12 +6,12 @@ One product of matrices per look: each candidate's columns off the basis are nev
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from identification.arrays import FloatArray, IntArray
-from identification.mismatch.problem import Problem
+from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.library import EffectRows
 from identification.mismatch.settings import ALTERNATIVE, ROUNDING
 
@@ -92,6 +92,22 @@ def narrowed(screen: Screen, problem: Problem) -> Screen:
     return _without(screen, shadow, problem, screen.target - shadow @ (added.T @ screen.problem.residual))
 
 
+def without_noise(screen: Screen, columns: FloatArray) -> Screen:
+    """The screen where the noise lacks a part, columns (n R, k) whitened whose product with their own transpose is it.
+
+    By the identity of Woodbury: no row is whitened anew.
+    """
+    basis, residual = screen.problem.basis, screen.problem.residual
+    visible = off(basis, columns)
+    parts = []
+    for along in (columns, visible):
+        share, directions = np.linalg.eigh(along.T @ along)
+        parts.append(along @ directions / np.sqrt(np.maximum(1.0 - share, np.finfo(np.float64).eps)))
+    plain, back = np.split(_products(screen, np.concatenate(parts, axis=1)), 2, axis=1)
+    raw, target = screen.raw + (plain**2).sum(axis=1), screen.target + back @ (parts[1].T @ residual)
+    return replace(_without(screen, back, screen.problem, target, sign=1.0), raw=raw)
+
+
 def _products(screen: Screen, values: FloatArray) -> FloatArray:
     """Products (M, k) of all columns with whitened values (n R, k)."""
     result = np.empty((screen.raw.size, values.shape[1]))
@@ -101,12 +117,12 @@ def _products(screen: Screen, values: FloatArray) -> FloatArray:
     return result
 
 
-def _without(screen: Screen, shadow: FloatArray, problem: Problem, target: FloatArray) -> Screen:
-    """The screen off directions that columns have the products (M, k) with."""
+def _without(screen: Screen, shadow: FloatArray, problem: Problem, target: FloatArray, sign: float = -1.0) -> Screen:
+    """The screen off directions that columns have the products (M, k) with; sign: 1 where these are put in."""
     batches = []
     for batch in screen.batches:
         own = shadow[batch.columns]
-        batches.append(Batch(batch.members, batch.columns, batch.gram - own @ own.transpose(0, 2, 1)))
+        batches.append(Batch(batch.members, batch.columns, batch.gram + sign * own @ own.transpose(0, 2, 1)))
     return Screen(problem, screen.candidates, screen.parts, tuple(batches), screen.raw, target)
 
 

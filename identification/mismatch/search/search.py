@@ -8,6 +8,7 @@ beside torque of no known form (`names.proposals`). Decides nothing about words.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 from identification.arrays import FloatArray
@@ -154,7 +155,7 @@ def _beside(screen: Screen, trial: Trial) -> Screen:
 def _step(trial: Trial, screen: Screen, library: Library, settings: DiagnosisSettings) -> Trial | None:
     """The best set with one member more; None when nothing is gained. screen: beside the members of the trial."""
     taken = {(member.effect.name, member.place) for member in trial.members}
-    found = shortlist(screen, library, taken)
+    found = [refine(screen.problem, library, member) for member in shortlist(screen, library, taken)]
     worth = [member for member in found if score_of(trial.problem, member) >= settings.provisional_score]
     if not worth:
         return None
@@ -175,12 +176,23 @@ def _best(trials: Sequence[Trial]) -> Trial:
     return max(trials, key=lambda trial: trial.likelihood - trial.cost)
 
 
-def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], least: float = 0.0) -> list[Member]:
-    """The best candidates, one per effect and place, refined. taken: not these. least: score that they may reach."""
+def shortlist(
+    screen: Screen,
+    library: Library,
+    taken: set[tuple[str, Place]],
+    least: float = 0.0,
+    joints: AbstractSet[int] = frozenset(),
+) -> list[Member]:
+    """The best candidates, one per effect and place. taken: not these. least: score that they may reach once refined.
+
+    joints: on which they act (from 0).
+    """
     chosen: dict[tuple[str, Place], Member] = {}
     best = 0.0
     for score, rows in gains(screen):
         key = (rows.effect.name, rows.place)
+        if not joints <= set(rows.joints):
+            continue
         best = max(best, score)
         if key in taken or key in chosen:
             continue
@@ -188,7 +200,7 @@ def shortlist(screen: Screen, library: Library, taken: set[tuple[str, Place]], l
             break
         if (own := library.rows(rows.effect, rows.place, rows.shape)) is not None:
             chosen[key] = Member(own)
-    return [refine(screen.problem, library, member) for member in chosen.values()]
+    return list(chosen.values())
 
 
 def polished(
@@ -214,7 +226,7 @@ def _exchanged(nominal: Problem, trial: Trial, screen: Screen, library: Library,
         others = without(trial.members, index)
         rest = fitted(nominal, others, settings)
         taken = {(member.effect.name, member.place) for member in others}
-        rivals = shortlist(_beside(screen, rest), library, taken)
+        rivals = [refine(rest.problem, library, rival) for rival in shortlist(_beside(screen, rest), library, taken)]
         better = [fitted(nominal, [*others, rival], settings, trial) for rival in rivals]
         best = _best([trial, *better])
         if best is not trial and (best.penalised < trial.penalised - 2.0 or not nominal.noise_is_measured):

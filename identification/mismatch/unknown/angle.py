@@ -7,7 +7,7 @@ group. Here: the functions and their torque. Not here: whether an arm holds any 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +69,6 @@ class AngleBasis:
         """How many there are."""
         return int(self.centre.size) + (self.group == 0)
 
-    def torque(self, inputs: Inputs) -> FloatArray:
-        """(S, n, m) Nm of each unit weight on all joints, to first order."""
+    def torque(self, inputs: Inputs) -> Iterator[FloatArray]:
+        """(S, m) Nm of each unit weight on each of all joints, to first order."""
         return torque_of_small(inputs.motion, self.joint, self.displacement(inputs))

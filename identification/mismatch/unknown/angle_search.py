@@ -72,15 +72,18 @@ def with_angles(
     while True:
         plain, now = Selection.nominal(every, every.parts), worth(selection)
         free = [item for item in known if item.angle not in _held(every)]
-        beside = [max(_gains(selection, item)) for item in free]
-        alone = [max(_gains(plain, item)) for item in free]
+        beside = [max(_gains(selection, item))[0] for item in free]
+        each = [_gains(plain, item) for item in free]
+        alone = [max(gains)[0] for gains in each]
         # Worth asking: what gains beside the classes, and what alone gains what these do.
         least = now - worth(plain)
         asked = {max(range(len(free)), key=gain.__getitem__) for gain in (beside, alone)} if free else set()
         asked = {place for place in asked if beside[place] > PRIOR_COST or alone[place] > least}
         options = []
         for place in asked:
-            rows = _with(every, free[place], plain)
+            # Each group as large as explains most alone.
+            sizes = [size for _, size in each[place]]
+            rows = every.with_angle(free[place].bases, free[place].columns, sizes)
             option = settled_angles(chosen_on(rows))
             options.append((worth(option), free[place].angle, option, rows))
         if not options:
@@ -111,12 +114,13 @@ def _hypotheses(rows: Rows, *, narrow: bool) -> list[_Hypothesis]:
 def columns_of(rows: Rows, basis: AngleBasis) -> FloatArray:
     """(n, R, m) Nm of each unit weight on all joints."""
     pairs = zip(rows.evidences, rows.inputs, strict=True)
-    return np.concatenate([item.project(basis.torque(inputs)) for item, inputs in pairs]).transpose(1, 0, 2)
+    parts = [np.stack([item.project(torque) for torque in basis.torque(inputs)]) for item, inputs in pairs]
+    return np.concatenate(parts, axis=1)
 
 
-def _gains(selection: Selection, hypothesis: _Hypothesis) -> list[float]:
-    """Nats that each group alone would gain with the best of its variances, all else as it is."""
-    return [_gain(selection, part)[0] for part in hypothesis.whitened]
+def _gains(selection: Selection, hypothesis: _Hypothesis) -> list[tuple[float, float]]:
+    """Nats that each group alone would gain with the best of its deviations, and that, rad, all else as it is."""
+    return [_gain(selection, part) for part in hypothesis.whitened]
 
 
 def _gain(selection: Selection, columns: FloatArray) -> tuple[float, float]:
@@ -138,12 +142,6 @@ def _gain(selection: Selection, columns: FloatArray) -> tuple[float, float]:
     gains = [largest_gain(visible, target, np.array([value**2])) for value in DEVIATIONS_RAD]
     best = int(np.argmax(gains))
     return gains[best], float(DEVIATIONS_RAD[best])
-
-
-def _with(rows: Rows, hypothesis: _Hypothesis, plain: Selection) -> Rows:
-    """The rows with a hypothesis, each group as large as explains most alone."""
-    deviation = [_gain(plain, part)[1] for part in hypothesis.whitened]
-    return rows.with_angle(hypothesis.bases, hypothesis.columns, deviation)
 
 
 def settled_angles(selection: Selection) -> Selection:

@@ -189,9 +189,8 @@ def posterior(joint: JointGram, part: Marginal, shared: Shared) -> Posterior:
         inverse[size:-1, :size] = -half @ back[:, :-1].T
     # The lower half of its product with itself: a third of the work of all of it.
     covariance = lapack.dlauum(inverse, lower=1, overwrite_c=1)[0]
-    diagonal = np.diag(covariance).copy()
+    np.einsum("ii->i", covariance)[:] *= 0.5
     covariance = covariance + covariance.T
-    np.fill_diagonal(covariance, diagonal)
     line = np.concatenate([-weights, -base, [1.0]])
     left = (joint.gram @ line) @ line
     spread = joint.gram.reshape(len(left), -1) @ covariance.ravel(order="K")

@@ -12,11 +12,14 @@ from hypothesis import strategies as st
 
 from identification.fitting.rms import RmsRow
 from identification.mismatch.diagnosis import diagnose
+from identification.mismatch.effects import EFFECTS
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.extended_model import extended_model
 from identification.mismatch.findings import Diagnosis
 from identification.mismatch.prediction import validate_with_effects
 from identification.mismatch.problem import beside, build_problem
+from identification.mismatch.search.library import Library
+from identification.mismatch.search.screening import build_screen, without_noise
 from identification.model_file import read_model, write_model
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, fit_recordings
@@ -63,12 +66,12 @@ def test_rows_beside_a_torque_of_no_form_are_fitted_by_generalised_least_squares
     """
     plain = build_problem([clean_evidence])
     random = np.random.default_rng(seed)
-    spread = [size * random.normal(size=(plain.rows, columns)) for _ in range(plain.n)]
+    of_joints = [size * random.normal(size=(plain.rows, columns)) for _ in range(plain.n)]
     inflation = np.exp(random.uniform(-0.5, 0.5, plain.noise.shape))
-    changed = beside(plain, spread, inflation)
+    changed = beside(plain, of_joints, inflation)
     normal = np.zeros((plain.basis.shape[1] + 1,) * 2)
     rows = np.column_stack([plain.basis, plain.torque]).reshape(plain.n, plain.rows, -1)
-    for joint, columns_of in enumerate(spread):
+    for joint, columns_of in enumerate(of_joints):
         used = plain.weight[joint] > 0.0
         own, noise = columns_of[used], (plain.noise[joint] * inflation[joint])[used]
         in_nm = rows[joint][used] / plain.weight[joint][used, None]
@@ -79,6 +82,30 @@ def test_rows_beside_a_torque_of_no_form_are_fitted_by_generalised_least_squares
     known = normal[-1, -1] - normal[-1, :-1] @ np.linalg.solve(normal[:-1, :-1], normal[:-1, -1])
     assert np.isclose(changed.residual @ changed.residual, known, rtol=1e-6)
     assert np.allclose(changed.basis.T @ changed.basis, np.eye(changed.basis.shape[1]), atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.01, 3.0, 100.0])
+def test_a_screen_knows_what_candidates_show_where_a_torque_of_no_form_is_no_noise(
+    clean_evidence: Evidence, size: float
+) -> None:
+    """Against the rows whitened anew without that torque, which may be far beyond the noise (Nm)."""
+    plain, random = build_problem([clean_evidence]), np.random.default_rng(3)
+    inflation = np.exp(random.uniform(-0.5, 0.5, plain.noise.shape))
+    kept = [random.normal(size=(plain.rows, 2)) for _ in range(plain.n)]
+    gone = size * random.normal(size=(plain.rows, 3))
+    without = beside(plain, kept, inflation)
+    every = beside(plain, [*kept[:4], np.concatenate([kept[4], gone], axis=1), *kept[5:]], inflation)
+    effects = [item for item in EFFECTS if item.name in ("cable_spring", "payload", "torque_offset", "torque_ripple")]
+    candidates = Library(effects, [clean_evidence]).candidates()[0]
+    seen = without_noise(build_screen(every, candidates), every.whitened_unnamed(gone, 4))
+    true = build_screen(without, candidates)
+    assert seen.raw == pytest.approx(true.raw, rel=1e-6)
+    length = np.sqrt(true.raw)
+    assert seen.target / length == pytest.approx(true.target / length, abs=1e-4)  # deviations of the noise
+    for found, wanted in zip(seen.batches, true.batches, strict=True):
+        own = length[wanted.columns]
+        scale = own[:, :, None] * own[:, None, :]
+        assert found.gram / scale == pytest.approx(wanted.gram / scale, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
