@@ -40,12 +40,6 @@ def bevel_teeth(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray
     return on_joint(6, 0.06 * np.sin(11.0 * (q[:, 5] - q[:, 4])))
 
 
-def oil_under_pressure(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Viscous friction of joint 1, as large as what it carries (Barus 1893)."""
-    del q
-    return on_joint(1, 0.06 * np.abs(torque[:, 0] / np.abs(torque[:, 0]).max()) * dq[:, 0])
-
-
 def warm_oil(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """Friction of joint 7 that falls with its own losses of the last three seconds."""
     del q, torque
@@ -54,17 +48,10 @@ def warm_oil(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
     return on_joint(7, -0.2 * np.tanh(dq[:, 6] / 0.003) * warm / warm.mean())
 
 
-def neighbours_of_own() -> list[tuple[Hidden, str, int]]:
-    """What a joint's own friction or teeth are besides, its class and its joint."""
-    return [
-        (pressed_hose, "configuration", 4),
-        (bevel_teeth, "configuration", 6),
-        (oil_under_pressure, "own_load_by_direction", 1),
-        (warm_oil, "own_velocity", 7),
-    ]
-
-
-@pytest.mark.parametrize(("hidden", "name", "joint"), neighbours_of_own())
+@pytest.mark.parametrize(
+    ("hidden", "name", "joint"),
+    [(pressed_hose, "configuration", 4), (bevel_teeth, "configuration", 6), (warm_oil, "own_velocity", 7)],
+)
 def test_friction_as_large_as_something_else_and_teeth_of_two_joints_have_their_class_first(
     iiwa14: RobotModel,
     iiwa14_base: BaseRegressor,
@@ -73,7 +60,7 @@ def test_friction_as_large_as_something_else_and_teeth_of_two_joints_have_their_
     name: str,
     joint: int,
 ) -> None:
-    """They were its own position or load by direction, its load by position, or nothing that was asked."""
+    """They were its own position by direction of motion, or nothing that was asked."""
     recordings = record(iiwa14, table3, hidden, motion=9), record(iiwa14, table3, hidden, periods=4, motion=29, seed=2)
     settings = DiagnosisSettings()
     found = find_dependence(*(prepare([item], iiwa14, iiwa14_base, settings, None) for item in recordings))
