@@ -143,8 +143,7 @@ def _nominal(
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
     they may be. misplaced: which torques or positions are not those of their joint, or count the other way, in words.
-    stand: why the base hardly stands as stated, empty where it may. others: what changes within one of them, and whose
-    clock is wrong, in words.
+    stand: why the base hardly stands as stated, empty where it may. others: as what else each has to be read, in words.
     """
 
     wrong_unit: str
@@ -164,16 +163,21 @@ class _Misread:
             return cls(wrong_unit, "", "", ())
         # Slow to load, and most fits leave nothing but noise.
         from identification.audit.mount import misplaced, stand_in_doubt
-        from identification.audit.partly import notes_on_changes
+        from identification.audit.otherwise import other_readings
         from identification.mismatch.data_faults.faults import find_data_faults
 
         where = misplaced(recordings, robot)
         if where:  # joints that are out of place look like much else
             return cls(wrong_unit, where, "", ())
-        faults = [each for own in find_data_faults(recordings, regressor) for each in own]
-        clocks = [each.sentence.rstrip(".") for each in faults if each.fault == "wrong_time_base"]
-        others = (*notes_on_changes(recordings, robot), *clocks)
-        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), others)
+        faults = find_data_faults(recordings, regressor)
+        turned = [any(each.fault == "inverted_torque_sign" for each in own) for own in faults]
+        read = other_readings(recordings, robot, turned)
+        others = []
+        for reading, own in zip(read, faults, strict=True):
+            clock = [each.sentence.rstrip(".") for each in own if each.fault == "wrong_time_base"]
+            by_clock = reading is None or reading.kind == "clock"
+            others += clock if clock and by_clock else [] if reading is None else [reading.sentence]
+        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), tuple(others))
 
     @property
     def notes(self) -> list[str]:
