@@ -19,8 +19,7 @@ from identification.audit.rows import BLOCK_S, WIDEST_HZ, Rows
 CORNERS_HZ = np.geomspace(0.5 / BLOCK_S, WIDEST_HZ, 7)
 """From half a wave in a block of rows to the band of the rows."""
 DELAYS_S = np.array([0.03, 0.2])
-ORDERS = (1, 2, 4)
-FIRST_ORDER = 2
+FIRST_ORDER, OTHER_ORDERS = 2, (1, 4)
 LONGEST_STEP, SMALLEST_STEP, STEPS = 0.3, 1e-3, 8
 """Of a value's logarithm: further than a tangent reaches, and nearer than anybody asks."""
 
@@ -56,10 +55,12 @@ class Filter:
                 "goes far better with one rigid body. Give --delay-correction common"
             )
         how = "forwards and backwards" if self.kind == "in phase" else "so that they are late, too"
+        less = f"; without periods, --low-pass {0.5 * self.value:.2g} takes most of it away"
         return (
             f"All torques were low-passed before they were recorded, at {self.value:.2g} Hz ({how}), and the "
             "positions were not: with the arm's torque filtered alike, the recording goes far better with one rigid "
-            "body. Every parameter is off by that: record the torques unfiltered"
+            "body. Every parameter is off by that. Record the torques unfiltered"
+            f"{less if self.kind == 'in phase' else ''}"
         )
 
 
@@ -91,13 +92,21 @@ def within_stretches(rows: Rows) -> Rows:
 
 def likeliest_filter(asked: Asked, stated: Score, least_gain: float) -> tuple[Filter, Score] | None:
     """The filter that makes a recording likeliest, None where none gains so many nats. asked: rows without a gap."""
-    near = [Filter("late", float(value)) for value in (*-DELAYS_S, *DELAYS_S)]
-    near += [Filter(kind, float(value)) for kind in ("in phase", "one-sided") for value in CORNERS_HZ]
-    first, score = max(((each, _score(asked, each)) for each in near), key=lambda item: item[1].nats)
-    if score.nats - stated.nats <= least_gain:
+    near: dict[str, tuple[float, ...]] = {
+        "late": (*-DELAYS_S, *DELAYS_S), "in phase": tuple(CORNERS_HZ), "one-sided": tuple(CORNERS_HZ)
+    }  # fmt: skip
+    found: list[tuple[Filter, Score]] = []
+    for kind, values in near.items():
+        tried = [(item, _score(asked, item)) for item in (Filter(kind, float(value)) for value in values)]
+        first, score = max(tried, key=lambda item: item[1].nats)
+        if score.nats - stated.nats > least_gain:
+            found.append(_settled(asked, first))
+    if not found:
         return None
-    orders = (FIRST_ORDER,) if first.kind == "late" else ORDERS
-    return max((_settled(asked, replace(first, order=order)) for order in orders), key=lambda item: item[1].nats)
+    best = max(found, key=lambda item: item[1].nats)
+    if best[0].kind != "late":
+        found += [_settled(asked, replace(best[0], order=order)) for order in OTHER_ORDERS]
+    return max(found, key=lambda item: item[1].nats)
 
 
 def _score(asked: Asked, by: Filter) -> Score:
