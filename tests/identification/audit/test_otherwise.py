@@ -141,3 +141,21 @@ def test_fit_and_doctor_say_it(sound: Recording, arm: RobotModel) -> None:
         assert any(note.startswith("WARNING") and "low-passed before" in note for note in notes) == said
         checks = {check.name: check for check in set_up_checks([recording], arm, [])}
         assert checks["one body"].status == ("failed" if said else "ok")
+
+
+def test_one_of_several_recordings_whose_joints_are_exchanged_is_named(
+    sound: Recording, arm: RobotModel, table3: PhysicalParameters
+) -> None:
+    """All together no order was likelier: `fit` only said that they do not go together, and of the wrong one."""
+    exchanged = [0, 2, 1, 3, 4, 5, 6]
+    logs = []
+    for seed in (3, 4, 5):
+        motion = fourier_motion(7, period_s=30.0, samples=3000, seed=seed)
+        torque = inverse_dynamics(arm, table3, *motion) + 0.02 * np.random.default_rng(seed).normal(size=(3000, 7))
+        order = exchanged if seed == 4 else list(range(7))
+        source = replace(sound.source, path=f"day{seed}.npz", sha256=f"{seed:064d}")
+        logs.append(replace(sound, position=motion[0][:, order], torque=torque[:, order], source=source))
+    notes = fit_recordings(logs, arm, FitSettings(physical=False)).notes
+    (said,) = (note for note in notes if "stand in another order" in note)
+    assert said.startswith("WARNING, day4.npz: Positions and torques")
+    assert "joint 2 under joint 3, joint 3 under joint 2" in said
