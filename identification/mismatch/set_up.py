@@ -1,5 +1,5 @@
 """How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, constancy,
-delay, load.
+one body, delay, load.
 
 A verdict for each, in seconds. What in single rows and signs is wrong comes from `data_faults`, how the base stands
 from the audit's `mount`.
