@@ -273,7 +273,7 @@ def _clock(asked: Asked) -> _Found:
     ratio = float(np.exp(log_ratio))
     sentence = (
         f"The clock is wrong: with a true rate of {ratio:.3g} times the stated one the recording goes far better "
-        "with one rigid body. Check the sampling rate, and give --unit t=ms where t is in another unit"
+        "with one rigid body. Check the sampling rate"
     )
     return "clock", sentence, asked.of_reading(asked.geometry.columns(asked.gravity, ratio))
 
