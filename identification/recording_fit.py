@@ -94,7 +94,8 @@ def fit_recordings(
         _refuse_wrong_sign(sign, processed)
 
     misfit = misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values)
-    misread = _Misread.of(processed, model.regressor, sign, misfit)
+    together = notes_on_agreement(blocks, least_squares.values, recording_names(recordings))
+    misread = _Misread.of(processed, model.regressor, sign, misfit, apart=bool(together))
     with misread.blamed_for_no_solution(recordings[0]):
         real = _real_bodies(blocks, robot, regressor, least_squares, settings, report)
     report("validation", 0.95)
@@ -121,7 +122,7 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=_notes(sign, misread, rms, processed, band, _notes_on_fit(model, least_squares, recordings, settings)),
+        notes=_notes(sign, misread, rms, processed, band, [*together, *notes_on_model(regressor, settings)]),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
@@ -143,8 +144,7 @@ def _nominal(
 class _Misread:
     """What recordings are that they do not state. wrong_unit: why the torques are of no arm of that size, empty where
     they may be. misplaced: which torques or positions are not those of their joint, or count the other way, in words.
-    stand: why the base hardly stands as stated, empty where it may. others: what changes within one of them, and whose
-    clock is wrong, in words.
+    stand: why the base hardly stands as stated, empty where it may. others: as what else each has to be read, in words.
     """
 
     wrong_unit: str
@@ -153,8 +153,19 @@ class _Misread:
     others: tuple[str, ...]
 
     @classmethod
-    def of(cls, processed: Sequence[Processed], regressor: BaseRegressor, sign: TorqueSign, misfit: Misfit) -> _Misread:
-        """Of what is fitted; where nothing but noise is left, no joint is misplaced and none changes."""
+    def of(
+        cls,
+        processed: Sequence[Processed],
+        regressor: BaseRegressor,
+        sign: TorqueSign,
+        misfit: Misfit,
+        *,
+        apart: bool = False,
+    ) -> _Misread:
+        """Of what is fitted; where nothing but noise is left, no joint is misplaced and none changes.
+
+        apart: whether the recordings do not go together; then each is asked alone, too.
+        """
         recordings, robot = [item.recording for item in processed], regressor.robot
         unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
@@ -164,16 +175,25 @@ class _Misread:
             return cls(wrong_unit, "", "", ())
         # Slow to load, and most fits leave nothing but noise.
         from identification.audit.mount import misplaced, stand_in_doubt
-        from identification.audit.partly import notes_on_changes
+        from identification.audit.otherwise import other_readings
         from identification.mismatch.data_faults.faults import find_data_faults
 
         where = misplaced(recordings, robot)
         if where:  # joints that are out of place look like much else
             return cls(wrong_unit, where, "", ())
-        faults = [each for own in find_data_faults(recordings, regressor) for each in own]
-        clocks = [each.sentence.rstrip(".") for each in faults if each.fault == "wrong_time_base"]
-        others = (*notes_on_changes(recordings, robot), *clocks)
-        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), others)
+        faults = find_data_faults(recordings, regressor)
+        turned = [any(each.fault == "inverted_torque_sign" for each in own) for own in faults]
+        read = other_readings(recordings, robot, turned)
+        others = []
+        for recording, name, reading, own in zip(recordings, recording_names(recordings), read, faults, strict=True):
+            elsewhere = misplaced([recording], robot) if apart else ""
+            if elsewhere:
+                others.append(f"{name}: {elsewhere.rstrip('.')}")
+                continue
+            clock = [each.sentence.rstrip(".") for each in own if each.fault == "wrong_time_base"]
+            by_clock = reading is None or reading.kind == "clock"
+            others += clock if clock and by_clock else [] if reading is None else [reading.sentence]
+        return cls(wrong_unit, "", stand_in_doubt(recordings, robot), tuple(others))
 
     @property
     def notes(self) -> list[str]:
@@ -224,14 +244,6 @@ def _notes_on_standing(recordings: Sequence[Recording]) -> list[str]:
         for recording, name in zip(recordings, recording_names(recordings), strict=True)
         for finding in standing_values(recording)
     ]
-
-
-def _notes_on_fit(
-    model: NominalModel, least_squares: LeastSquaresResult, recordings: Sequence[Recording], settings: FitSettings
-) -> list[str]:
-    """Whether the recordings go together, and what was chosen of the model."""
-    together = notes_on_agreement(model.blocks, least_squares.values, recording_names(recordings))
-    return [*together, *notes_on_model(model.regressor, settings)]
 
 
 def _with_torque_earlier(

@@ -217,7 +217,7 @@ def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) ->
     lines = tuple(item.rms for item in standings if item.rms is not None)
     if lines:
         show_rms(RmsTable(lines), f"RMS of measured minus predicted torque per joint, {fitted}", unit=unit)
-        if any(" RMS" in sentence for item in standings for sentence in item.sentences):
+        if any(item.quotes_rms for item in standings):
             data(OTHER_ROWS)
     for item in standings:
         data(f"{item.name}:")

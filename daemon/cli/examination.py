@@ -46,8 +46,8 @@ def doctor(
     """Examine host, network, firewall, real-time limits, disk and link, and say what to do next. Moves nothing.
 
     Grades the link: A nothing lost and regular, B good, C usable for a try, D not usable. Exit code 1 when a check
-    failed; warnings are allowed. --log: gravity, signs, clock, units, order of joints, rows, constancy, late torque and
-    load data of a recording, without any model of the arm.
+    failed; warnings are allowed. --log: gravity, signs, clock, units, order of joints, rows, constancy, one body, late
+    torque and load data of a recording, without any model of the arm.
 
     Example: iiwa-ident doctor --bind 192.170.10.1:30200 --answer
     """

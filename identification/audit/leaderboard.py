@@ -65,6 +65,11 @@ class Standing:
         own = (*(no_check(name) for name in self.fitted_to), *((OF_PARAMETERS,) if self.extended else ()))
         return own + (tuple(item.sentence for item in self.audit.differences) or (self.audit.sentence,))
 
+    @property
+    def quotes_rms(self) -> bool:
+        """Whether the sentences state an RMS, which is of other rows than the table's."""
+        return self.audit is not None and self.audit.verdict in ("nothing", "unexplained")
+
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
         return {

@@ -19,7 +19,6 @@ from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import STAYS
 from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.errors import RecordingError
-from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -56,24 +55,15 @@ class ChangedTorque:
         return f"From t = {self.since_s:.3g} ± {self.within_s:.2g} s on the torque of joint {self.joint} {what}"
 
 
-def notes_on_changes(recordings: Sequence[Recording], robot: RobotModel) -> list[str]:
-    """What changes within each of some recordings of one robot, in words; none of sound ones.
-
-    Several torques that change together are no sensor's fault.
-    """
-    notes = []
-    for recording, name in zip(recordings, recording_names(recordings), strict=True):
-        changed = changed_torques(recording, robot)
-        if len(changed) == 1:
-            notes.append(f"{name}: {changed[0].sentence}, which no one arm explains: leave one of the parts out")
-        elif changed:
-            joints = ", ".join(str(joint) for joint in sorted(item.joint for item in changed))
-            notes.append(
-                f"{name}: From t = {changed[0].since_s:.3g} ± {changed[0].within_s:.2g} s on the torques of joints "
-                f"{joints} are others than before: a load was picked up or put down there, or the arm was touched. "
-                "Leave one of the parts out"
-            )
-    return notes
+def sentence_of_changes(changed: Sequence[ChangedTorque]) -> str:
+    """What changes within a recording, in words. Several torques that change together are no sensor's fault."""
+    if len(changed) == 1:
+        return f"{changed[0].sentence}, which no one arm explains: leave one of the parts out"
+    joints = ", ".join(str(joint) for joint in sorted(item.joint for item in changed))
+    return (
+        f"From t = {changed[0].since_s:.3g} ± {changed[0].within_s:.2g} s on the torques of joints {joints} are others "
+        "than before: a load was picked up or put down there, or the arm was touched. Leave one of the parts out"
+    )
 
 
 def changed_torques(recording: Recording, robot: RobotModel) -> tuple[ChangedTorque, ...]:

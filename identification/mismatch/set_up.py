@@ -1,5 +1,5 @@
 """How a recording was made, asked without a model of the arm: gravity, signs, clock, units, order, rows, constancy,
-delay, load.
+one body, delay, load.
 
 A verdict for each, in seconds. What in single rows and signs is wrong comes from `data_faults`, how the base stands
 from the audit's `mount`.
@@ -16,7 +16,7 @@ import numpy as np
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.misread import of_order
 from identification.audit.mount import Mounting, excerpt, mounting_of, order_of_torques
-from identification.audit.partly import notes_on_changes
+from identification.audit.otherwise import CHANGING, Otherwise, other_readings
 from identification.audit.reading import in_degrees
 from identification.audit.rows import Rows, rows_of
 from identification.audit.turned import misplaced_joints
@@ -106,13 +106,21 @@ def set_up_checks(
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
     order, exchanged = _places(recordings, rows, robot, stand, faults)
     there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
-    constancy = _constancy(recordings, there)
+    turned = {fault.recording for fault in faults if fault.fault == "inverted_torque_sign"}
+    named = [name in turned for name in recording_names(recordings)]
+    read = [] if order.status == "failed" else [item for item in other_readings(recordings, there, named) if item]
+    if there is not robot:  # a stand that was found is known to its interval only, and other bodies take the rest
+        read = [item for item in read if item.kind == "changes"]
+    if any(fault.fault == "wrong_time_base" for fault in faults):  # the clock is said by its own check
+        read = [item for item in read if item.kind != "clock"]
+    constancy = _constancy(read)
     checks = (
         UNKNOWN_STAND if exchanged else _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
         constancy,
+        _one_body(read),
         *(() if delay is None else (delay,)),
         _load(recordings, robot),
         *_damaged_files(recordings),
@@ -202,12 +210,22 @@ def _units(recordings: Sequence[Recording], robot: RobotModel, *, gravity_acts: 
     return SetUpCheck("units", "ok", f"Positions span {span:.3g} rad and torques reach {torque:.3g} Nm, as stated.")
 
 
-def _constancy(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
-    """Whether every torque is of one law throughout each recording."""
-    found = notes_on_changes(recordings, robot)
+def _constancy(read: Sequence[Otherwise]) -> SetUpCheck:
+    """Whether every torque is of one law throughout each recording. read: as what else they go better."""
+    found = [item.sentence for item in read if item.kind in CHANGING]
     if not found:
         return SetUpCheck("constancy", "ok", "No torque becomes clearly another one within a recording.")
     return SetUpCheck("constancy", "failed", f"{'. '.join(found)}.")
+
+
+def _one_body(read: Sequence[Otherwise]) -> SetUpCheck:
+    """Whether zeros, scales, clock, signs and filters are as one rigid body has them."""
+    found = [item.sentence for item in read if item.kind not in CHANGING]
+    if not found:
+        return SetUpCheck(
+            "one body", "ok", "No other zero, scale, clock or filter goes far better with one rigid body."
+        )
+    return SetUpCheck("one body", "failed", f"{'. '.join(found)}.")
 
 
 def _delay(fit: FitResult | None) -> SetUpCheck:

@@ -12,12 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daemon.cli.comparing import show_leaderboard
 from daemon.jobs.diagnosis import write_model_back
 from fixtures.physics import iiwa14_table_three
-from identification.audit.difference import Difference, Number
+from identification.audit.difference import Audit, Difference, Number
+from identification.audit.leaderboard import Standing
+from identification.audit.misread import misread
 from identification.base_parameters import BaseRegressor
 from identification.errors import RobotError
 from identification.export.write import export_model
+from identification.fitting.rms import RmsRow
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
@@ -80,6 +84,18 @@ def test_the_leaderboard_is_the_comparison_of_models(folder: Path, tmp_path: Pat
     assert run("leaderboard", *files, "--on", folder / "log.npz", "--json", tmp_path / "a.json") == 0
     assert run("compare", "--models", *files, "--", folder / "log.npz", "--json", tmp_path / "b.json") == 0
     assert json.loads((tmp_path / "a.json").read_text()) == json.loads((tmp_path / "b.json").read_text())
+
+
+def test_rows_of_an_rms_are_explained_only_where_a_sentence_states_one(capsys: pytest.CaptureFixture[str]) -> None:
+    """The word RMS in what is said of a model with effects brought the explanation of figures that nobody saw."""
+    named = misread("wrong_unit", (), 1.0, "The positions are in degrees")
+    said = []
+    for verdict, differences in (("named", (named,)), ("unexplained", ())):
+        left = Audit("arm.json", verdict, differences, (1.0,), (0.1,), "arm.json leaves 1 Nm RMS.")
+        line = RmsRow("arm.json", *(np.ones(1) for _ in range(3)))
+        show_leaderboard([Standing("arm.json", line, None, left, extended=True)], False, "Nm")
+        said.append("An RMS in the sentences below" in capsys.readouterr().out)
+    assert said == [False, True]
 
 
 def test_nothing_is_fitted_unless_declared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -81,7 +81,8 @@ def test_a_sound_recording_passes_every_check(sound: dict[str, np.ndarray], tmp_
     code, checks = examined(sound, tmp_path)
     assert code == 0
     assert list(checks) == [
-        "gravity", "torque signs", "clock", "rows", "units", "order of joints", "constancy", "late torque", "load data"
+        "gravity", "torque signs", "clock", "rows", "units", "order of joints", "constancy", "one body", "late torque",
+        "load data",
     ]  # fmt: skip
     assert {item["status"] for item in checks.values()} == {"ok"}
 

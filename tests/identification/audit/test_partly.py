@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identification.audit.partly import changed_torques, notes_on_changes
+from identification.audit.otherwise import other_reading
+from identification.audit.partly import changed_torques
 from identification.fitting.settings import FitSettings
 from identification.mismatch.nominal import nominal_fit, nominal_of
 from identification.mismatch.set_up import examine_set_up, set_up_checks
@@ -90,10 +91,11 @@ def test_a_load_that_is_picked_up_is_no_sensor_s_fault_and_friction_is_none_eith
     center[6] = (mass[6] * center[6] + 2.5 * np.array([0.0, 0.0, 0.15])) / (mass[6] + 2.5)
     mass[6] += 2.5
     loaded = replace(table3, mass=mass, center_of_mass=center)
-    (note,) = notes_on_changes([halves(iiwa14, states, table3, loaded)], iiwa14)
-    assert "a load was picked up or put down" in note
+    reading = other_reading(halves(iiwa14, states, table3, loaded), iiwa14)
+    assert reading is not None
+    assert "a load was picked up or put down" in reading.sentence
     rough = replace(table3, coulomb=np.where(np.arange(7) == 3, 3.0, 1.0) * table3.coulomb)
-    assert notes_on_changes([halves(iiwa14, states, table3, rough)], iiwa14) == []
+    assert other_reading(halves(iiwa14, states, table3, rough), iiwa14) is None
 
 
 def test_a_sign_that_turns_within_a_recording_is_not_called_wrong_throughout() -> None:

@@ -1,0 +1,95 @@
+"""How likely other readings of a recording are, on rows that were not fitted: one measure for all of them. Pure.
+
+One rigid body with free parameters is fitted to three quarters of the blocks and asked for the others, by turns.
+Not here: which readings are asked (`otherwise`, `linear_dynamics`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.arrays import FloatArray, IntArray
+from identification.audit.columns import Geometry
+from identification.audit.evidence import Products, posterior, products_of
+from identification.audit.exchange import FIRST
+from identification.audit.given import Sizes, sizes_of, wide_open
+from identification.audit.misread import STAYS
+from identification.audit.rows import REPEATED, Rows
+from identification.robots.model import RobotModel
+
+FOLDS = 4
+_TURNS = 3
+"""In which the noise that a reading leaves and its parameters settle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """Of rows that were not fitted. nats: their log-likelihood, by the noise that they have. square: (n,) Nm², left."""
+
+    nats: float
+    square: FloatArray
+
+    def holds_against(self, stated: Score) -> bool:
+        """Whether next to nothing of the misfit as stated stays, each joint weighed by what this reading leaves."""
+        return len(self.square) <= STAYS * float((stated.square / self.square).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """Rows of a recording with their columns (R, n, 14 n) as they are stated. fold: (R,) which part a row is in.
+
+    Blocks go to the folds in turns that shift by one each time, so that no motion that repeats keeps time with them.
+    """
+
+    rows: Rows
+    geometry: Geometry
+    gravity: FloatArray
+    sizes: Sizes
+    columns: FloatArray
+    fold: IntArray
+
+    @classmethod
+    def of(cls, rows: Rows, robot: RobotModel) -> Asked:
+        """Of some rows of a robot's recording."""
+        geometry, gravity = Geometry(robot, rows), np.array(robot.gravity, dtype=np.float64)
+        fold = (rows.block + rows.block // FOLDS) % FOLDS
+        return cls(rows, geometry, gravity, sizes_of(robot, rows), geometry.columns(gravity), fold)
+
+    def products(self, columns: FloatArray, torque: FloatArray) -> Products:
+        """Of columns (R, n, K) with a torque (R, n), for each fold."""
+        return products_of(columns, torque, self.rows.used, self.fold, FOLDS)
+
+    def widths(self, further: int = 0, width: float = 1.0) -> FloatArray:
+        """(14 n + further,) deviations of the parameters, and of as many further columns."""
+        return np.concatenate([wide_open(self.sizes), np.full(further, width)])
+
+    def values(
+        self, products: Products, widths: FloatArray, parts: tuple[int, ...] = tuple(range(FOLDS))
+    ) -> FloatArray:
+        """(K,) that explain some folds best, the joints weighed by what they leave."""
+        std, every = np.maximum(FIRST * self.sizes.torque, self.sizes.least_noise), np.arange(len(widths))
+        values = np.zeros(len(widths))
+        for _ in range(_TURNS):
+            gram, right = products.summed(parts, 1.0 / (REPEATED * std**2))
+            # Torques far smaller than what the parameters may make have no solution in floats without that.
+            rounded = len(widths) * np.finfo(np.float64).eps * float(np.diag(gram) @ widths**2)
+            values = posterior(gram + np.diag(rounded / widths**2), right, np.diag(widths)).values
+            left = products.left(parts, values, every) / np.maximum(products.counts(parts), 1.0)
+            std = np.maximum(np.sqrt(left), self.sizes.least_noise)
+        return values
+
+    def score(self, products: Products, widths: FloatArray) -> Score:
+        """Of every fold by what the others say."""
+        square, every = np.zeros(len(self.sizes.torque)), np.arange(len(widths))
+        for fold in range(FOLDS):
+            others = tuple(other for other in range(FOLDS) if other != fold)
+            square += products.left((fold,), self.values(products, widths, others), every)
+        counts = products.counts(range(FOLDS))
+        square = np.maximum(square / np.maximum(counts, 1.0), self.sizes.least_noise**2)
+        return Score(-0.5 / REPEATED * float(counts @ np.log(square)), square)
+
+    def of_reading(self, columns: FloatArray, torque: FloatArray | None = None) -> Score:
+        """Of other columns (R, n, 14 n), or another torque (R, n)."""
+        return self.score(self.products(columns, self.rows.torque if torque is None else torque), self.widths())

@@ -1,0 +1,133 @@
+"""Was the torque filtered before it was recorded, and the motion was not? A linear filter common to all joints is asked
+of a recording alone: a low-pass in phase, a one-sided one, and a mere delay.
+
+What is filtered on one side must be filtered on the other: the columns of the rigid body go through the same filter.
+Pure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from identification.arrays import FloatArray
+from identification.audit.held_out import Asked, Score
+from identification.audit.rows import BLOCK_S, WIDEST_HZ, Rows
+
+CORNERS_HZ = np.geomspace(0.5 / BLOCK_S, WIDEST_HZ, 7)
+"""From half a wave in a block of rows to the band of the rows."""
+DELAYS_S = np.array([0.03, 0.2])
+FIRST_ORDER, OTHER_ORDERS = 2, (1, 4)
+LONGEST_STEP, SMALLEST_STEP, STEPS = 0.3, 1e-3, 8
+"""Of a value's logarithm: further than a tangent reaches, and nearer than anybody asks."""
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """kind: "in phase", "one-sided" or "late". value: corner in Hz, at which half of the power comes out (in phase: a
+    quarter), or by how many s the torque is late. order: of the Butterworth low-pass, run once, or there and back.
+    """
+
+    kind: str
+    value: float
+    order: int = FIRST_ORDER
+
+    def response(self, hz: FloatArray) -> ComplexArray:
+        """(F,) of the torque's to that of the motion."""
+        if self.kind == "late":
+            return np.asarray(np.exp(-2j * np.pi * hz * self.value))
+        if self.kind == "in phase":
+            return (1.0 / (1.0 + (hz / self.value) ** (2 * self.order))).astype(np.complex128)
+        angle = np.pi * (2.0 * np.arange(1, self.order + 1) + self.order - 1.0) / (2.0 * self.order)
+        poles = np.exp(1j * angle)[:, None]
+        return np.asarray(np.prod(-poles / (1j * hz / self.value - poles), axis=0))
+
+    @property
+    def sentence(self) -> str:
+        """What an operator reads."""
+        if self.kind == "late":
+            return (
+                f"All torques are {1e3 * self.value:.0f} ms later than the positions: taken earlier, the recording "
+                "goes far better with one rigid body. Give --delay-correction common"
+            )
+        how = "forwards and backwards" if self.kind == "in phase" else "so that they are late, too"
+        less = f"; without periods, --low-pass {0.5 * self.value:.2g} takes most of it away"
+        return (
+            f"All torques were low-passed before they were recorded, at {self.value:.2g} Hz ({how}), and the "
+            "positions were not: with the arm's torque filtered alike, the recording goes far better with one rigid "
+            "body. Every parameter is off by that. Record the torques unfiltered"
+            f"{less if self.kind == 'in phase' else ''}"
+        )
+
+
+def filtered(asked: Asked, columns: FloatArray, by: Filter) -> FloatArray:
+    """Columns (R, n, K) through a filter; at its ends a stretch is taken to turn back."""
+    result, first = np.zeros_like(columns), 0
+    live = columns.any(axis=0)
+    for stretch in asked.rows.smooth:
+        here = slice(first, first + len(stretch.samples))
+        own = columns[here][:, live]
+        mirrored = np.concatenate([own[::-1], own])
+        response = by.response(np.fft.rfftfreq(len(mirrored), asked.rows.spacing_s).astype(np.float64))
+        passed = np.fft.irfft(np.fft.rfft(mirrored, axis=0) * response[:, None], n=len(mirrored), axis=0)
+        whole = np.zeros((len(own), *live.shape))
+        whole[:, live] = passed[len(own) :]
+        result[here], first = whole, here.stop
+    return result
+
+
+def within_stretches(rows: Rows) -> Rows:
+    """Rows without the first and the last block of each stretch: what a filter saw before nobody knows."""
+    inside, first = np.zeros(len(rows.block), dtype=np.bool_), 0
+    for stretch in rows.smooth:
+        own = rows.block[first : first + len(stretch.samples)]
+        inside[first : first + len(own)] = (own > own[0]) & (own < own[-1])
+        first += len(own)
+    return replace(rows, used=rows.used & inside[:, None])
+
+
+def likeliest_filter(asked: Asked, stated: Score, least_gain: float) -> tuple[Filter, Score] | None:
+    """The filter that makes a recording likeliest, None where none gains so many nats. asked: rows without a gap."""
+    near: dict[str, tuple[float, ...]] = {
+        "late": (*-DELAYS_S, *DELAYS_S), "in phase": tuple(CORNERS_HZ), "one-sided": tuple(CORNERS_HZ)
+    }  # fmt: skip
+    found: list[tuple[Filter, Score]] = []
+    for kind, values in near.items():
+        tried = [(item, _score(asked, item)) for item in (Filter(kind, float(value)) for value in values)]
+        first, score = max(tried, key=lambda item: item[1].nats)
+        if score.nats - stated.nats > least_gain:
+            found.append(_settled(asked, first))
+    if not found:
+        return None
+    best = max(found, key=lambda item: item[1].nats)
+    if best[0].kind != "late":
+        found += [_settled(asked, replace(best[0], order=order)) for order in OTHER_ORDERS]
+    return max(found, key=lambda item: item[1].nats)
+
+
+def _score(asked: Asked, by: Filter) -> Score:
+    return asked.of_reading(filtered(asked, asked.columns, by))
+
+
+def _settled(asked: Asked, near: Filter) -> tuple[Filter, Score]:
+    """The filter of that kind and order that leaves least, by tangents in the logarithm of its value."""
+    found, step = near, LONGEST_STEP
+    for _ in range(STEPS):
+        columns = filtered(asked, asked.columns, found)
+        values = asked.values(asked.products(columns, asked.rows.torque), asked.widths())
+        torque = (asked.columns @ values)[..., None]
+        ahead, back = (
+            filtered(asked, torque, replace(found, value=found.value * float(np.exp(sign * SMALLEST_STEP))))
+            for sign in (1.0, -1.0)
+        )
+        both = np.concatenate([columns, (ahead - back) / (2.0 * SMALLEST_STEP)], axis=2)
+        step = float(asked.values(asked.products(both, asked.rows.torque), asked.widths(1))[-1])
+        step = float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+        found = replace(found, value=found.value * float(np.exp(step)))
+        if abs(step) < SMALLEST_STEP:
+            break
+    return found, _score(asked, found)
