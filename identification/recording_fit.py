@@ -175,7 +175,7 @@ class _Misread:
             return cls(wrong_unit, "", "", ())
         # Slow to load, and most fits leave nothing but noise.
         from identification.audit.mount import misplaced, stand_in_doubt
-        from identification.audit.otherwise import other_readings
+        from identification.audit.otherwise import may_be_read_otherwise, other_readings
         from identification.mismatch.data_faults.faults import find_data_faults
 
         where = misplaced(recordings, robot)
@@ -183,7 +183,7 @@ class _Misread:
             return cls(wrong_unit, where, "", ())
         faults = find_data_faults(recordings, regressor)
         turned = [any(each.fault == "inverted_torque_sign" for each in own) for own in faults]
-        read = other_readings(recordings, robot, turned)
+        read = other_readings(recordings, robot, turned, large=may_be_read_otherwise(misfit.over_noise))
         others = []
         for recording, name, reading, own in zip(recordings, recording_names(recordings), read, faults, strict=True):
             elsewhere = misplaced([recording], robot) if apart else ""

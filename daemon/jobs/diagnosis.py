@@ -13,6 +13,7 @@ from pathlib import Path
 from daemon.folders import make_folder
 from daemon.json_files import write_bytes_atomically
 from identification.audit.difference import Difference
+from identification.audit.otherwise import may_be_read_otherwise
 from identification.audit.reading import Reading
 from identification.errors import RecordingError
 from identification.export.write_back import draw_before_after, write_back
@@ -115,8 +116,10 @@ def write_model_back(
 
 def _set_up(recordings: Sequence[Recording], robot: RobotModel, diagnosis: Diagnosis) -> tuple[SetUpCheck, ...]:
     """The verdicts for the page; none of recordings that are too short to be asked."""
+    before = diagnosis.baseline
+    large = not before.noise_is_measured or may_be_read_otherwise(before.excess_nm / before.noise_floor_nm)
     try:
-        return set_up_checks(recordings, robot, diagnosis.every_fault)
+        return set_up_checks(recordings, robot, diagnosis.every_fault, large=large)
     except RecordingError:
         return ()
 

@@ -20,12 +20,14 @@ from identification.audit.comparison import LEAST_GAIN
 from identification.audit.held_out import Asked, Score
 from identification.audit.hypotheses import GAIN_WIDTH
 from identification.audit.linear_dynamics import likeliest_filter, within_stretches
+from identification.audit.misread import STAYS
 from identification.audit.partly import FIRST_MOMENTS, MOMENTS, ChangedTorque, changed_torques, sentence_of_changes
 from identification.audit.rows import MOST_ROWS, REPEATED, band_of, rows_of
 from identification.errors import RecordingError
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
+from identification.remembered import once_per_object
 from identification.robots.model import RobotModel
 from identification.signals.aperiodic import ROWS_PER_CUTOFF_PERIOD
 
@@ -40,32 +42,40 @@ SMALLEST_STEP = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Otherwise:
-    """kind: which reading. sentence: what an operator reads. gain: nats against the recording as it stands."""
+    """kind: which reading. sentence: what an operator reads."""
 
     kind: str
     sentence: str
-    gain: float
 
 
 _Found = tuple[str, str, Score] | None
 
 
+def may_be_read_otherwise(over_noise: FloatArray) -> bool:
+    """Whether a misfit, (n,) times the noise, is so large that a reading could leave next to nothing of it.
+
+    None leaves less than the noise. True where the noise is not known (nan).
+    """
+    return not np.mean(1.0 + over_noise**2) < 1.0 / STAYS
+
+
 def other_readings(
-    recordings: Sequence[Recording], robot: RobotModel, turned: Sequence[bool]
+    recordings: Sequence[Recording], robot: RobotModel, turned: Sequence[bool], *, large: bool = True
 ) -> list[Otherwise | None]:
     """`other_reading` of each of some recordings of one robot, with its name.
 
     turned: of each, whether a torque is known to have the wrong sign throughout, which looks like much else: then
-    only what changes is said.
+    only what changes is said. large: `may_be_read_otherwise`; else only what changes is asked.
     """
     result: list[Otherwise | None] = []
     for recording, name, wrong in zip(recordings, recording_names(recordings), turned, strict=True):
-        found = other_reading(recording, robot)
+        found = other_reading(recording, robot) if large else _changes(changed_torques(recording, robot))
         said = found is not None and (not wrong or found.kind in CHANGING)
         result.append(replace(found, sentence=f"{name}: {found.sentence}") if found is not None and said else None)
     return result
 
 
+@once_per_object
 def other_reading(recording: Recording, robot: RobotModel) -> Otherwise | None:
     """The likeliest other reading of a recording; None of a sound one.
 
@@ -80,13 +90,13 @@ def other_reading(recording: Recording, robot: RobotModel) -> Otherwise | None:
         return None
     stated, alone = (each.of_reading(each.columns) for each in (asked, unbroken))
     changed = changed_torques(recording, robot)
-    known = ("changes", sentence_of_changes(changed)) if changed else None
+    known = _changes(changed)
     found: list[tuple[str, str, Score, Score]] = []
     passed = likeliest_filter(unbroken, alone, LEAST_GAIN)
     if passed is not None:
         found.append(("filtered", passed[0].sentence, passed[1], alone))
     if known is not None:
-        found.append((*known, _mended(asked, recording, changed), stated))
+        found.append((known.kind, known.sentence, _mended(asked, recording, changed), stated))
     whole = _another_arm(asked, stated, recording)
     others = (_zeros(asked, stated), _without_sign(asked), _scales(asked), _clock(asked), whole)
     found += [(*other, stated) for other in others if other is not None]
@@ -95,8 +105,13 @@ def other_reading(recording: Recording, robot: RobotModel) -> Otherwise | None:
     kind, sentence, score, against = max(found, key=lambda item: item[2].nats - item[3].nats)
     gain = score.nats - against.nats
     if gain > LEAST_GAIN and score.holds_against(against):
-        return Otherwise(kind, sentence, gain)
-    return None if known is None else Otherwise(*known, gain)
+        return Otherwise(kind, sentence)
+    return known
+
+
+def _changes(changed: Sequence[ChangedTorque]) -> Otherwise | None:
+    """As it is said where no other reading is likelier."""
+    return Otherwise("changes", sentence_of_changes(changed)) if changed else None
 
 
 def _mended(asked: Asked, recording: Recording, changed: Sequence[ChangedTorque]) -> Score:

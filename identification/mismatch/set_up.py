@@ -100,15 +100,24 @@ def data_faults_of(
 
 
 def set_up_checks(
-    recordings: Sequence[Recording], robot: RobotModel, faults: Sequence[DataFault], delay: SetUpCheck | None = None
+    recordings: Sequence[Recording],
+    robot: RobotModel,
+    faults: Sequence[DataFault],
+    delay: SetUpCheck | None = None,
+    *,
+    large: bool = True,
 ) -> tuple[SetUpCheck, ...]:
-    """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit."""
+    """As `examine_set_up`, where the faults of the data are known already, and the delay, which needs a fit.
+
+    large: whether the misfit is (`may_be_read_otherwise`), as far as it is known.
+    """
     rows, stand = rows_of(recordings), mounting_of(recordings, robot)
     order, exchanged = _places(recordings, rows, robot, stand, faults)
     there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
     turned = {fault.recording for fault in faults if fault.fault == "inverted_torque_sign"}
     named = [name in turned for name in recording_names(recordings)]
-    read = [] if order.status == "failed" else [item for item in other_readings(recordings, there, named) if item]
+    asked = [] if order.status == "failed" else other_readings(recordings, there, named, large=large)
+    read = [item for item in asked if item is not None]
     if there is not robot:  # a stand that was found is known to its interval only, and other bodies take the rest
         read = [item for item in read if item.kind == "changes"]
     if any(fault.fault == "wrong_time_base" for fault in faults):  # the clock is said by its own check

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
-from identification.audit.otherwise import other_reading
+from identification.audit.otherwise import may_be_read_otherwise, other_reading
 from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import set_up_checks
 from identification.physical_parameters import PhysicalParameters
@@ -159,3 +159,11 @@ def test_one_of_several_recordings_whose_joints_are_exchanged_is_named(
     (said,) = (note for note in notes if "stand in another order" in note)
     assert said.startswith("WARNING, day4.npz: Positions and torques")
     assert "joint 2 under joint 3, joint 3 under joint 2" in said
+
+
+def test_a_misfit_that_is_small_beside_the_noise_is_no_other_reading() -> None:
+    """Of n joints with so much noise nothing leaves an eighth: the sum of squares has to be 8.3 times the noise's."""
+    assert not may_be_read_otherwise(np.full(7, 2.6))
+    assert may_be_read_otherwise(np.full(7, 2.8))
+    assert may_be_read_otherwise(np.array([7.5, *[0.0] * 6]))
+    assert may_be_read_otherwise(np.full(7, np.nan))
