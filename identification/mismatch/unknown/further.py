@@ -58,7 +58,10 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
 
 
 def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
-    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
+    """With the classes and further groups that gain most, put in one by one while each is worth its price.
+
+    Of a group that is what a class costs, where it is the first of one, and that so many were looked at.
+    """
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
         # Noise that was estimated has taken for noise what is to be put in.
@@ -80,13 +83,16 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
             option.with_state(joint, _pruned(option, joint, option.settled(joint, new, FULL_ROUNDS, quiet=FULL_ROUNDS)))
             for option, new in options
         ]
-        best = max([selection, *grown], key=lambda option: option.score(joint, option.states[joint]))
-        worth = best.score(joint, best.states[joint])
-        if worth <= score + PRIOR_COST:
+        looked = float(np.log(max(len(untried), 1)))
+        values = [
+            option.score(joint, option.states[joint]) - looked * (option.rows is not selection.rows) for option in grown
+        ]
+        worth, best = max(zip(values, grown, strict=True), key=lambda item: item[0], default=(score, selection))
+        if worth <= score:
             return selection
         if best.rows is not selection.rows:
             untried.pop(place)
-        selection, score = best, worth
+        selection, score = best, best.score(joint, best.states[joint])
 
 
 def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, float]:
