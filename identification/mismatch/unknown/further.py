@@ -58,10 +58,7 @@ def asked_further(selection: Selection, joints: Sequence[int]) -> Selection:
 
 
 def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
-    """With the classes and further groups that gain most, put in one by one while each is worth its price.
-
-    Of a group that is what a class costs, where it is the first of one, and that so many were looked at.
-    """
+    """With the classes and further groups that gain most, put in one by one while each is worth what a class costs."""
     score, untried = selection.score(joint, selection.states[joint]), list(candidates)
     while True:
         # Noise that was estimated has taken for noise what is to be put in.
@@ -83,16 +80,13 @@ def _grown(selection: Selection, joint: int, candidates: Found) -> Selection:
             option.with_state(joint, _pruned(option, joint, option.settled(joint, new, FULL_ROUNDS, quiet=FULL_ROUNDS)))
             for option, new in options
         ]
-        looked = float(np.log(max(len(untried), 1)))
-        values = [
-            option.score(joint, option.states[joint]) - looked * (option.rows is not selection.rows) for option in grown
-        ]
-        worth, best = max(zip(values, grown, strict=True), key=lambda item: item[0], default=(score, selection))
-        if worth <= score:
+        best = max([selection, *grown], key=lambda option: option.score(joint, option.states[joint]))
+        worth = best.score(joint, best.states[joint])
+        if worth <= score + PRIOR_COST:
             return selection
         if best.rows is not selection.rows:
             untried.pop(place)
-        selection, score = best, best.score(joint, best.states[joint])
+        selection, score = best, worth
 
 
 def _gains(selection: Selection, joint: int, candidates: Found) -> dict[int, float]:
