@@ -13,9 +13,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.classes import CLASSES, Basis
+from identification.mismatch.unknown.classes import CLASSES, Basis, Part
 from identification.mismatch.unknown.inputs import Inputs, Ranges
-from identification.mismatch.unknown.of_one import Part
 from identification.mismatch.unknown.selection import JointState
 from identification.signals.processed import LinearOperator
 

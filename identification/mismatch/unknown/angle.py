@@ -14,9 +14,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.displacement import torque_of_small
-from identification.mismatch.unknown.classes import CLASSES, NOTHING, load_functions
+from identification.mismatch.unknown.classes import CLASSES, NOTHING, Functions, Part, load_functions
 from identification.mismatch.unknown.inputs import Inputs
-from identification.mismatch.unknown.of_one import Functions, Part
 
 SMALLEST_RAD = 1e-8
 """Deviation below which functions of an angle are none: the finest encoders tell no more."""

@@ -8,7 +8,7 @@ measured torque is seen here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,26 +16,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.base_parameters import direction_of, width_of
-from identification.mismatch.unknown.functions import (
-    bent,
-    responses,
-    smooth_table,
-    stops,
-    straight_and_bent,
-    tabulated,
-    warped,
-)
+from identification.mismatch.unknown.functions import responses, smooth_table, stops, tabulated, warped
 from identification.mismatch.unknown.inputs import Inputs
-from identification.mismatch.unknown.of_one import (
-    Functions,
-    OfOther,
-    Part,
-    gated,
-    of_moments,
-    of_one_other,
-    of_slow,
-    of_sums,
-)
 
 SMOOTH, FINE, FINEST = (0.5, 9), (0.125, 27), (0.03125, 108)
 """Length of a function of position, in half ranges, and how many functions of that length there are."""
@@ -52,6 +34,26 @@ NOTHING = 1e-18
 """Mean square below which functions of an input that does not move are none."""
 STATE_ORDER, STATE = 6, 96
 """Functions of one variable and how many products of them make a smooth function of the state of a joint."""
+
+Part = tuple[FloatArray, FloatArray]
+"""Functions (S, m) before they are centred and scaled, and their fade (S,)."""
+Functions = Callable[[Inputs, int], Part]
+"""Those of a joint (from 0) on a motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class OfOther:
+    """The functions that `of_one` makes of a joint, of that `offset` further out (0: its own); none where none is."""
+
+    of_one: Functions
+    offset: int
+
+    def __call__(self, inputs: Inputs, joint: int) -> Part:
+        """Those on a motion, asked for a joint (from 0)."""
+        other = joint + self.offset
+        if 0 <= other < inputs.motion.n:
+            return self.of_one(inputs, other)
+        return np.zeros((inputs.motion.samples, 1)), np.ones(inputs.motion.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +90,19 @@ def _constant(inputs: Inputs, joint: int) -> Part:
     return ones[:, None], ones
 
 
+def _bent(place: FloatArray, kind: tuple[float, int]) -> FloatArray:
+    """Functions (S, m) of one length of a place (S,), without their constant and straight parts."""
+    return tabulated(smooth_table(*kind, ("one", "linear")), place)
+
+
 def _position_smooth(inputs: Inputs, joint: int) -> Part:
     place = inputs.position[:, joint]
-    return straight_and_bent(place, SMOOTH), inputs.inside("position")[:, joint]
+    return np.column_stack([np.clip(place, -1, 1), _bent(place, SMOOTH)]), inputs.inside("position")[:, joint]
 
 
 def _position_narrow(kind: tuple[float, int]) -> Functions:
     def columns(inputs: Inputs, joint: int) -> Part:
-        return bent(inputs.position[:, joint], kind), inputs.inside("position")[:, joint]
+        return _bent(inputs.position[:, joint], kind), inputs.inside("position")[:, joint]
 
     return columns
 
@@ -104,7 +111,8 @@ def _by_direction(of_position: Functions) -> Functions:
     """The same functions of the position, turned round with the direction of motion."""
 
     def columns(inputs: Inputs, joint: int) -> Part:
-        return gated(inputs, joint, "direction", *of_position(inputs, joint))
+        values, inside = of_position(inputs, joint)
+        return values * inputs.direction[:, joint, None], inside
 
     return columns
 
@@ -113,7 +121,9 @@ def _by_load(of_position: Functions) -> Functions:
     """The same functions of the position, as large as the load."""
 
     def columns(inputs: Inputs, joint: int) -> Part:
-        return gated(inputs, joint, "load", *of_position(inputs, joint))
+        values, inside = of_position(inputs, joint)
+        load = np.clip(inputs.load[:, joint, None], -1, 1)
+        return values * load, inputs.inside("load")[:, joint] * inside
 
     return columns
 
@@ -160,10 +170,10 @@ def load_functions(name: str) -> tuple[Functions, Functions]:
 
     def smooth(inputs: Inputs, joint: int) -> Part:
         place = getattr(inputs, name)[:, joint]
-        return straight_and_bent(place, LOAD), inputs.inside(name)[:, joint]
+        return np.column_stack([np.clip(place, -1, 1), _bent(place, LOAD)]), inputs.inside(name)[:, joint]
 
     def fine(inputs: Inputs, joint: int) -> Part:
-        return bent(getattr(inputs, name)[:, joint], FINE), inputs.inside(name)[:, joint]
+        return _bent(getattr(inputs, name)[:, joint], FINE), inputs.inside(name)[:, joint]
 
     return smooth, fine
 
@@ -264,6 +274,15 @@ def _other_motion(inputs: Inputs, joint: int) -> Part:
     return values, inputs.inside("velocity").prod(axis=1)
 
 
+FARTHEST = 8
+"""Joints from one to another of which functions are asked alone."""
+
+
+def _of_one(functions: Functions) -> tuple[OfOther, ...]:
+    """The same functions of one other joint each, in the order of how much further out it is."""
+    return tuple(OfOther(functions, offset) for offset in (*range(-FARTHEST, 0), *range(1, FARTHEST + 1)))
+
+
 def _velocity_and_friction(inputs: Inputs, joint: int) -> Part:
     """Functions of a velocity, and the jump at standstill: of the joint's own it is one of the base parameters."""
     either, inside = _velocity_either_way(inputs, joint)
@@ -285,29 +304,25 @@ CLASSES: tuple[DependenceClass, ...] = (
     ),
     DependenceClass(
         "own_position", "depends on its own position", (_position_smooth, _position_fine), "position",
-        further=(OfOther(_position_finest), of_slow("position")),
+        further=(OfOther(_position_finest, 0),),
     ),
     DependenceClass(
         "own_position_by_direction", "depends on its own position and turns round with its direction of motion",
         (_by_direction(_position_smooth), _by_direction(_position_fine)), "position",
-        further=(OfOther(_position_finest, gate="direction"), OfOther(_position_smooth, gate="velocity")),
+        further=(OfOther(_by_direction(_position_finest), 0),),
     ),
     DependenceClass(
         "own_velocity", "depends on its own velocity",
         (_velocity_either_way, _velocity_one_way, _velocity_late, _speed_late), "velocity",
-        further=(of_slow("velocity", size=True, gate="direction"),),
     ),
-    DependenceClass("own_load", "depends on its own load", (_load, _load_fine), "torque",
-        further=(of_slow("torque", size=True),),
-    ),
+    DependenceClass("own_load", "depends on its own load", (_load, _load_fine), "torque"),
     DependenceClass(
         "own_load_by_direction", "depends on its own load and turns round with its direction of motion",
         (_load_by_direction,), "load",
-        further=(OfOther(_load, gate="velocity"), of_slow("load", size=True, gate="direction")),
     ),
     DependenceClass(
         "own_load_by_position", "depends on its own load and position together",
-        (_load_by_position, _by_load(_position_fine)), further=(OfOther(_position_finest, gate="load"),),
+        (_load_by_position, _by_load(_position_fine)), further=(OfOther(_by_load(_position_finest), 0),),
     ),
     DependenceClass(
         "path_memory", "depends on where its path last turned round", (_path_memory,),
@@ -316,29 +331,20 @@ CLASSES: tuple[DependenceClass, ...] = (
     DependenceClass("load_memory", "depends on where its load last turned round", (_load_memory,)),
     DependenceClass(
         "configuration", "depends on the configuration of the arm", (_configuration,), shared=True,
-        further=(
-            *of_one_other(_position_smooth), *of_one_other(_position_fine),
-            *of_one_other(_position_smooth, "direction"), *of_one_other(_position_smooth, "load"),
-            *of_sums(SMOOTH, FINE, FINEST),
-        ),
+        further=(*_of_one(_position_smooth), *_of_one(_position_fine)),
     ),
     DependenceClass("state", "depends on the state of the joint and of its neighbours", (_state,), background=True),
-    DependenceClass("torque_dynamics", "follows its own torque late, or rings with it", (_dynamics("torque"),),
-        further=(of_slow("torque"),),
-    ),
+    DependenceClass("torque_dynamics", "follows its own torque late, or rings with it", (_dynamics("torque"),)),
     DependenceClass(
         "acceleration_dynamics", "follows its own acceleration late, or rings with it", (_dynamics("acceleration"),)
     ),
     DependenceClass(
         "other_torques", "depends on the torques of other joints", (_other_torques,),
-        further=(
-            *of_one_other(_load), *of_one_other(_load_fine),
-            *of_one_other(_load, "direction"), *of_one_other(_load, "load"), *of_moments(LOAD),
-        ),
+        further=(*_of_one(_load), *_of_one(_load_fine)),
     ),
     DependenceClass(
         "other_motion", "depends on the motion of other joints", (_other_motion,),
-        further=of_one_other(_velocity_and_friction),
+        further=_of_one(_velocity_and_friction),
     ),
 )  # fmt: skip
 

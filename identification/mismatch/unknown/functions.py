@@ -51,16 +51,6 @@ def tabulated(table: FloatArray, place: FloatArray) -> FloatArray:
     return values
 
 
-def bent(place: FloatArray, kind: tuple[float, int]) -> FloatArray:
-    """Functions (S, m) of one length of a place (S,), without their constant and straight parts. kind: of the table."""
-    return tabulated(smooth_table(*kind, ("one", "linear")), place)
-
-
-def straight_and_bent(place: FloatArray, kind: tuple[float, int]) -> FloatArray:
-    """The same, the straight one before them."""
-    return np.column_stack([np.clip(place, -1.0, 1.0), bent(place, kind)])
-
-
 WARP = 0.04
 """Share of the largest speed around which the scale of speed turns from straight to logarithmic."""
 

@@ -178,7 +178,7 @@ class Rows:
         weight, found = self.problem.weight[joint][:, None], []
         for number, item in enumerate(CLASSES):
             for group, functions in enumerate(item.further, start=len(item.groups)):
-                key = functions.same_for(joint)
+                key = functions.of_one, joint + functions.offset
                 if key not in known:
                     known[key] = functions_of(self.evidences, self.inputs, joint, [(number, group)])
                 found += [(replace(basis, group=group, joint=joint), rows * weight) for basis, rows in known[key]]

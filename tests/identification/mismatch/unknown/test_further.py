@@ -12,7 +12,7 @@ from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import find_dependence
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel
-from tests.identification.mismatch.plant import PERIOD_S, Hidden, on_joint, record
+from tests.identification.mismatch.plant import Hidden, on_joint, record
 
 
 def slow_wrist(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -26,46 +26,6 @@ def loaded_shoulder(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.nda
     del q, dq
     load = torque[:, 1]
     return on_joint(4, 0.15 * np.exp(-(((load - np.median(load)) / (0.15 * np.abs(load).max())) ** 2)))
-
-
-def pressed_hose(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Friction of joint 4 that the pose of joint 3 makes larger or smaller."""
-    del torque
-    return on_joint(4, 0.06 * np.tanh(dq[:, 3] / 0.003) * np.sin(1.7 * q[:, 2] + 1.0))
-
-
-def bevel_teeth(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Teeth that joints 5 and 6 turn together."""
-    del dq, torque
-    return on_joint(6, 0.06 * np.sin(11.0 * (q[:, 5] - q[:, 4])))
-
-
-def warm_oil(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Friction of joint 7 that falls with its own losses of the last three seconds."""
-    del q, torque
-    loss = np.fft.rfft(np.abs(dq[:, 6]))
-    warm = np.fft.irfft(loss / (1.0 + 2j * np.pi * np.arange(loss.size) * 3.0 / PERIOD_S), len(dq))
-    return on_joint(7, -0.2 * np.tanh(dq[:, 6] / 0.003) * warm / warm.mean())
-
-
-@pytest.mark.parametrize(
-    ("hidden", "name", "joint"),
-    [(pressed_hose, "configuration", 4), (bevel_teeth, "configuration", 6), (warm_oil, "own_velocity", 7)],
-)
-def test_friction_as_large_as_something_else_and_teeth_of_two_joints_have_their_class_first(
-    iiwa14: RobotModel,
-    iiwa14_base: BaseRegressor,
-    table3: PhysicalParameters,
-    hidden: Hidden,
-    name: str,
-    joint: int,
-) -> None:
-    """They were its own position by direction of motion, or nothing that was asked."""
-    recordings = record(iiwa14, table3, hidden, motion=9), record(iiwa14, table3, hidden, periods=4, motion=29, seed=2)
-    settings = DiagnosisSettings()
-    found = find_dependence(*(prepare([item], iiwa14, iiwa14_base, settings, None) for item in recordings))
-    first = max(found.held, key=lambda item: item.loss)
-    assert (CLASSES[first.number].name, first.joint + 1) == (name, joint)
 
 
 @pytest.mark.parametrize(("hidden", "name"), [(slow_wrist, "other_motion"), (loaded_shoulder, "other_torques")])
