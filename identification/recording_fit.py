@@ -191,8 +191,10 @@ class _Misread:
                 others.append(f"{name}: {elsewhere.rstrip('.')}")
                 continue
             clock = [each.sentence.rstrip(".") for each in own if each.fault == "wrong_time_base"]
-            by_clock = reading is None or reading.kind == "clock"
-            others += clock if clock and by_clock else [] if reading is None else [reading.sentence]
+            if clock and (reading is None or reading.kind == "clock"):
+                others += clock
+            elif reading is not None:
+                others.append(reading.sentence)
         return cls(wrong_unit, "", stand_in_doubt(recordings, robot), tuple(others))
 
     @property

@@ -21,7 +21,7 @@ CORNERS_HZ = np.geomspace(0.5 / BLOCK_S, WIDEST_HZ, 7)
 DELAYS_S = np.array([0.03, 0.2])
 FIRST_ORDER, OTHER_ORDERS = 2, (1, 4)
 LONGEST_STEP, SMALLEST_STEP, STEPS = 0.3, 1e-3, 8
-"""Of a value's logarithm: further than a tangent reaches, and nearer than anybody asks."""
+"""Of a value's logarithm, or a zero in rad or m: further than a tangent reaches, nearer than asked, most steps."""
 
 ComplexArray = npt.NDArray[np.complex128]
 

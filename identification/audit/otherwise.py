@@ -19,7 +19,7 @@ from identification.audit.columns import INERTIAL, PARAMETERS
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.held_out import Asked, Score
 from identification.audit.hypotheses import GAIN_WIDTH
-from identification.audit.linear_dynamics import likeliest_filter, within_stretches
+from identification.audit.linear_dynamics import LONGEST_STEP, STEPS, likeliest_filter, within_stretches
 from identification.audit.misread import STAYS
 from identification.audit.partly import FIRST_MOMENTS, MOMENTS, ChangedTorque, changed_torques, sentence_of_changes
 from identification.audit.rows import MOST_ROWS, REPEATED, band_of, rows_of
@@ -34,10 +34,8 @@ from identification.signals.aperiodic import ROWS_PER_CUTOFF_PERIOD
 CHANGING = "changes", "another arm"
 """Kinds of a recording that is not one throughout."""
 WIDEST_ZERO = np.pi / 2.0
-LONGEST_STEP = 0.3
-"""rad, m, or of a scale's logarithm: a step further than a tangent reaches."""
-STEPS = 8
-SMALLEST_STEP = 1e-4
+SETTLED = 1e-4
+"""rad, m, or of a scale's logarithm: where no step is longer, the values are settled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +192,7 @@ def _settled_zeros(asked: Asked, start: FloatArray, joints: list[int]) -> FloatA
         columns, slopes = _slopes(asked, zeros)
         step = _tangent(asked, columns, slopes[..., joints], asked.rows.torque, WIDEST_ZERO)
         zeros[joints] += step
-        if np.abs(step).max() < SMALLEST_STEP:
+        if np.abs(step).max() < SETTLED:
             break
     return zeros
 
@@ -256,7 +254,7 @@ def _scales(asked: Asked) -> _Found:
         further[:, np.arange(n), np.arange(n)] = expected
         step = _tangent(asked, asked.columns, further, torque, GAIN_WIDTH)
         logs += step - np.median(step)
-        if np.abs(step).max() < SMALLEST_STEP:
+        if np.abs(step).max() < SETTLED:
             break
     score = asked.of_reading(asked.columns, asked.rows.torque * np.exp(-logs))
     nats = score.nats - float(asked.rows.used.sum(axis=0) @ logs) / REPEATED
@@ -281,7 +279,7 @@ def _clock(asked: Asked) -> _Found:
         slope = asked.geometry.by_ratio(values, float(np.exp(log_ratio)))
         step = _tangent(asked, columns, slope[..., None], asked.rows.torque, 1.0)
         log_ratio += float(step[0])
-        if np.abs(step).max() < SMALLEST_STEP:
+        if np.abs(step).max() < SETTLED:
             break
     if abs(log_ratio) < SMALLEST_CLOCK_ERROR:
         return None
