@@ -240,18 +240,25 @@ def _in_numbers(parameter: Parameter) -> str:
 
 
 def show_joints(diagnosis: Diagnosis) -> None:
-    """Print RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings."""
+    """Print RMS per joint before and after, with the noise floor, of the fitted and of the held-out recordings.
+
+    The extended model has torque without a name too; where none is offered it is that with the findings.
+    """
     units = diagnosis.torque_units or ("Nm",) * diagnosis.baseline.rms_nm.size
     rows = [("fitted, nominal model", diagnosis.baseline.rms_nm)]
     measured, named = diagnosis.baseline.noise_is_measured, bool(diagnosis.findings)
     if named:
         rows.append(("fitted, with findings", diagnosis.rms_after_nm))
+    if diagnosis.offer is not None:
+        rows.append(("fitted, extended model", diagnosis.offer.fitted_rms))
     if measured:
         rows.append(("fitted, noise", diagnosis.baseline.noise_floor_nm))
     if diagnosis.heldout is not None:
         rows.append(("held out, nominal model", diagnosis.heldout.rms_before_nm))
         if named:
             rows.append(("held out, with findings", diagnosis.heldout.rms_after_nm))
+        if diagnosis.offer is not None:
+            rows.append(("held out, extended model", diagnosis.offer.heldout_rms))
         if measured:
             rows.append(("held out, noise", diagnosis.heldout.noise_floor_nm))
     show_table(

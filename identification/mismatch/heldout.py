@@ -78,6 +78,11 @@ class Residuals:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)) / self.samples)
 
     @property
+    def noise_at_most_nm(self) -> FloatArray:
+        """(n,) RMS of the noise and the scatter of the model, a deviation more than is expected."""
+        return np.asarray(np.sqrt(self.expected_nm**2 + self.excess_deviation))
+
+    @property
     def excess_nm(self) -> FloatArray:
         """(n,) square root of the excess energy, zero where that is negative."""
         return np.asarray(np.sqrt(np.maximum(self.excess_energy, 0.0)), dtype=np.float64)

@@ -115,6 +115,7 @@ def _baseline_table(diagnosis: Diagnosis) -> Table:
     rows = [
         ("nominal model", *row_of(baseline.rms_nm)),
         *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.findings else []),
+        *([("extended model", *row_of(diagnosis.offer.fitted_rms))] if diagnosis.offer else []),
         ("noise alone", *row_of(baseline.noise_floor_nm)),
         ("misfit beyond noise in the compared band, nominal", *row_of(baseline.excess_nm, 2)),
         ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
@@ -137,6 +138,7 @@ def _heldout(diagnosis: Diagnosis) -> Section | None:
         ("nominal model", *row_of(heldout.rms_before_nm)),
         ("with the findings", *row_of(heldout.rms_after_nm)),
         ("… its 95 % interval", *_intervals(*heldout.ci95_after_nm.T)),
+        *([("extended model", *row_of(diagnosis.offer.heldout_rms))] if diagnosis.offer else []),
         ("noise alone", *row_of(heldout.noise_floor_nm)),
         ("misfit beyond noise, nominal", *row_of(heldout.excess_before_nm, 2)),
         ("misfit beyond noise, with the findings", *row_of(heldout.excess_after_nm, 2)),

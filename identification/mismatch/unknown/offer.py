@@ -32,9 +32,8 @@ def offer(
 ) -> tuple[Offer | None, tuple[Dropped, ...]]:
     """The terms that predict held-out rows, None where none are left; and what is left out as it does not.
 
-    Base parameters beside them are those of `alone`. Where terms would go for these, they are fitted with the weights
-    (n, R) of the names' own fit too, and what leaves less of the held-out rows of all joints is offered. So are angles
-    that are off, all of them or none.
+    Base parameters beside them are those of `alone`, or are fitted with the weights (n, R) of the names' own fit: what
+    leaves less of the held-out rows of all joints is offered. So are angles that are off, all of them or none.
     """
     found, dropped, logarithm = _with_best_weights(alone, left, before, weight)
     if alone.rows.angles:
@@ -50,12 +49,7 @@ def _with_best_weights(
     alone: Selection, left: Left, before: Residuals, weight: FloatArray
 ) -> tuple[Offer | None, tuple[Dropped, ...], float]:
     """As `_offered`, with the weights that `offer` chooses."""
-    found = _offered(alone, left, before, None)
-    if found[1]:
-        other = _offered(alone, left, before, weight)
-        if other[2] < found[2]:
-            return other
-    return found
+    return min((_offered(alone, left, before, item) for item in (None, weight)), key=lambda found: found[2])
 
 
 def _offered(
@@ -64,9 +58,9 @@ def _offered(
     """As `offer` with one kind of base parameters, None: those of `alone`; and the sum of logarithms of what is left.
 
     Terms stay where they lower the RMS of their joint there and raise no other joint's by more than base parameters may
-    (`harmless`). alone: classes with the weights of the fitted rows, beside the names. before: what the model with its
-    names leaves of the held-out rows. A joint with terms has to do better than that, and better than the same model of
-    the rows of `alone`: it is open in the same directions of the base parameters as they are.
+    (`harmless`), or beyond its noise. alone: classes with the weights of the fitted rows, beside the names. before:
+    what the model with its names leaves of the held-out rows. A joint with terms has to do better than that, and better
+    than the same model of the rows of `alone`: it is open in the same directions of the base parameters as they are.
     """
 
     def base_beside(selection: Selection) -> FloatArray | None:
@@ -77,14 +71,17 @@ def _offered(
 
     nominal = Selection.nominal(alone.rows.without_angles(), range(alone.rows.folds))
     plain = before.rms_nm
-    best = np.minimum(plain, left_of(nominal))
+    best, allowed = np.minimum(plain, left_of(nominal)), plain
 
     selection, dropped = alone, tuple[Dropped, ...]()
-    if not alone.rows.problem.noise_is_measured:
+    if alone.rows.problem.noise_is_measured:
+        # Base parameters scatter: what a joint is left within that has no cause in the terms of another one.
+        allowed = np.maximum(plain, before.noise_at_most_nm)
+    else:
         selection, dropped = useful(alone, left_of, best)
-    selection, more = harmless(selection, left_of, best, plain)
+    selection, more = harmless(selection, left_of, best, allowed)
     dropped += more
-    if alone.rows.angles and (left_of(selection) > (1.0 + LEAST_CHANGE) * plain).any():
+    if alone.rows.angles and (left_of(selection) > (1.0 + LEAST_CHANGE) * allowed).any():
         return None, dropped, np.inf
     if not any(state.groups for state in selection.states) and not selection.rows.angles:
         return None, dropped, float(np.log(plain).sum())
