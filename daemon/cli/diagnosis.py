@@ -249,8 +249,6 @@ def show_joints(diagnosis: Diagnosis) -> None:
     measured, named = diagnosis.baseline.noise_is_measured, bool(diagnosis.findings)
     if named:
         rows.append(("fitted, with findings", diagnosis.rms_after_nm))
-    if diagnosis.offer is not None:
-        rows.append(("fitted, extended model", diagnosis.offer.fitted_rms))
     if measured:
         rows.append(("fitted, noise", diagnosis.baseline.noise_floor_nm))
     if diagnosis.heldout is not None:

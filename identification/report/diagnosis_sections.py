@@ -115,7 +115,6 @@ def _baseline_table(diagnosis: Diagnosis) -> Table:
     rows = [
         ("nominal model", *row_of(baseline.rms_nm)),
         *([("with the findings", *row_of(diagnosis.rms_after_nm))] if diagnosis.findings else []),
-        *([("extended model", *row_of(diagnosis.offer.fitted_rms))] if diagnosis.offer else []),
         ("noise alone", *row_of(baseline.noise_floor_nm)),
         ("misfit beyond noise in the compared band, nominal", *row_of(baseline.excess_nm, 2)),
         ("… its 95 % interval", *_intervals(baseline.excess_low_nm, baseline.excess_high_nm)),
