@@ -14,6 +14,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import IdentificationError
+from identification.estimators.feasibility import rules_for
 from identification.fitting.processing import process
 from identification.fitting.result import FitResult
 from identification.fitting.rms import rms_of_rows
@@ -24,6 +25,7 @@ from identification.mismatch.findings import Diagnosis, Finding
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.nominal import Nominal, after_findings
 from identification.mismatch.prediction import without_effects
+from identification.mismatch.unknown.model_terms import with_friction
 from identification.recording_fit import FitSettings, Progress, fit_recordings
 from identification.recordings.independence import is_called
 from identification.recordings.recording import Recording
@@ -44,6 +46,14 @@ def extended_model(
     regressor = BaseRegressor(robot, RegressorOptions.from_json(diagnosis.provenance["regressor"]))
     known = {item["name"]: item["value"] for item in extended["base_parameters"]}
     terms = extended.get("class_terms")
+    if terms is not None:
+        rules = rules_for(robot)
+        terms, known = with_friction(terms, known, {"FV": rules.viscous, "FS": rules.coulomb})
+        extended["class_terms"] = terms
+        for item in extended["base_parameters"]:
+            item["value"] = known[item["name"]]
+        for item in extended["friction"]:
+            item |= {"viscous": known.get(f"FV_{item['joint']}"), "coulomb": known.get(f"FS_{item['joint']}")}
     values = np.array([known[name] for name in regressor.names])
     settings = FitSettings(
         rotor_inertia="yes" if regressor.options.rotor_inertia else "no",

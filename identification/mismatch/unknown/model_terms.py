@@ -19,6 +19,8 @@ from identification.mismatch.unknown.classes import CLASSES, Basis
 from identification.mismatch.unknown.inputs import Inputs, Ranges, random_waves
 from identification.mismatch.unknown.selection import Selection
 
+FRICTION = "friction"
+"""Viscous and Coulomb friction that stand with the class terms of a joint: no class, and no mismatch of its own."""
 _NUMBERS = {item.name: number for number, item in enumerate(CLASSES)}
 
 
@@ -65,6 +67,28 @@ def terms_of(selection: Selection) -> dict[str, Any]:
     }
 
 
+def with_friction(
+    data: Mapping[str, Any], values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Class terms with the friction that no joint has, and base parameters by name without it.
+
+    Beside a torque that falls with the speed, parameters that are free take a viscous friction below zero. Within the
+    ranges the sum stays as it is; beyond, where the terms end, and in physical parameters a friction of a machine is
+    left. bounds: of "FV" (Nm s/rad) and "FS" (Nm). Joints without class terms keep what they have.
+    """
+    terms, changed = list(data["terms"]), dict(values)
+    for joint in sorted({int(term["joint"]) for term in terms if not term.get("angle")}):
+        weights = []
+        for symbol in ("FV", "FS"):
+            value = values.get(f"{symbol}_{joint}", 0.0)
+            kept = float(np.clip(value, *bounds[symbol]))
+            weights.append(value - kept if f"{symbol}_{joint}" in values else 0.0)
+            changed[f"{symbol}_{joint}"] = kept
+        if any(weights):
+            terms.append({"class": FRICTION, "joint": joint, "weights": weights})
+    return {**data, "terms": terms}, {name: changed[name] for name in values}
+
+
 def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
     """(S, n) Nm of class terms along a motion. Raises ModelFileError where they are not complete or of another arm."""
     torque = np.zeros((motion.samples, motion.n))
@@ -81,7 +105,12 @@ def terms_torque(data: Mapping[str, Any], motion: Motion) -> FloatArray:
         if inputs.ranges.speed.size != motion.n:
             raise ValueError(f"{inputs.ranges.speed.size} joints")
         for term in data["terms"]:
-            joint, centre = int(term["joint"]) - 1, np.array(term["centre"], dtype=np.float64)
+            joint = int(term["joint"]) - 1
+            if term["class"] == FRICTION:
+                friction = np.column_stack([motion.velocity[:, joint], motion.direction[:, joint]])
+                torque[:, joint] += inputs.inside("velocity")[:, joint] * (friction @ np.array(term["weights"]))
+                continue
+            centre = np.array(term["centre"], dtype=np.float64)
             if term.get("angle"):
                 angle = AngleBasis(term["class"], int(term["group"]), joint, centre, float(term["scale"]))
                 moved = angle.displacement(inputs) @ np.array(term["weights"], dtype=np.float64)

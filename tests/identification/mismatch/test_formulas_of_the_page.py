@@ -260,6 +260,18 @@ def test_a_class_term_is_the_formula_of_the_page(motion: Motion, name: str, grou
     assert not np.delete(torque, J - 1, axis=1).any()
 
 
+def test_the_friction_among_the_terms_is_the_formula_of_the_page(motion: Motion) -> None:
+    ones, velocity = np.full(7, 9.0), motion.velocity[:, J - 1]
+    ranges = Ranges(-ones, ones, 0.9 * np.abs(motion.velocity).max(axis=0), -ones, ones, ones, ones, np.ones((7, 2)))
+    term = {"class": "friction", "joint": J, "weights": [-0.3, 0.2]}
+    data = {"ranges": ranges.to_json(), "fade": 0.3, "terms": [term], "waves": {"direction": [], "phase": []}}
+    beyond = np.clip((np.abs(velocity) / ranges.speed[J - 1] - 1.0) / 0.3, 0.0, 1.0)
+    expected = (0.5 + 0.5 * np.cos(np.pi * beyond)) * (-0.3 * velocity + 0.2 * np.sign(velocity))
+    torque = terms_torque(data, motion)
+    np.testing.assert_allclose(torque[:, J - 1], expected, atol=1e-12)
+    assert not np.delete(torque, J - 1, axis=1).any()
+
+
 def test_class_terms_of_as_many_functions_as_an_earlier_version_had_are_refused(motion: Motion) -> None:
     """Late friction had 15."""
     ones = np.ones(7)
