@@ -176,8 +176,14 @@ def _write_page(trend: Trend, robot: str, out: Path) -> Path:
 def _leaderboard(
     models: Sequence[Path], logs: Sequence[Path], arm: RecordedArm, offsets: bool, json_file: Path | None
 ) -> None:
+    from daemon.cli.protection import is_recording
     from identification.audit.leaderboard import leaderboard
 
+    for file in filter(is_recording, models):
+        raise typer.BadParameter(
+            f"{file} is a recording and no model: --on goes before each of several recordings; in `compare --models` "
+            "they stand behind --."
+        )
     inputs = arm.load(logs, model_robot=_robot_of(models))
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
     result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "recordings": list(map(str, logs)),
