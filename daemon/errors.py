@@ -46,12 +46,26 @@ def sentence_of(error: Exception) -> str:
     if isinstance(error, UnicodeEncodeError):
         # The only such text are names of files as Linux has them; results name files in JSON, which is UTF-8.
         around = error.object[max(0, error.start - 60) : error.end + 20]
+        if _is_utf8(error.object):
+            return (
+                f"'{around}' is a name in UTF-8, and the locale of this terminal is another: "
+                "give the same command behind LC_ALL=C.UTF-8."
+            )
         return f"'{around}' is no UTF-8 text, and no result can name it: give that file or folder another name."
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}." if error.filename is not None else f"{error.strerror}."
     if isinstance(error, MemoryError):
         return f"There is not enough memory for this ({str(error).rstrip('.') or 'no more is given'})."
     return str(error) or type(error).__name__
+
+
+def _is_utf8(name: str) -> bool:
+    """Whether the bytes of a name as Linux has them are UTF-8, however Python was told to read them."""
+    try:
+        name.encode("utf-8", "surrogateescape").decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 class DaemonError(Exception):

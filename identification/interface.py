@@ -15,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from identification.audit.between import model_of_fit
 from identification.audit.mount import notes_on_another_set_up, require_stated_stand
 from identification.errors import DesignError, RecordingError
 from identification.excitation.design import DesignResult
@@ -235,14 +236,16 @@ def diagnose(
     *recordings: Source,
     heldout: Source | Sequence[Source] = (),
     robot: str | Path | None = None,
-    model: Model | str | Path | None = None,
+    model: Fit | Model | str | Path | None = None,
     **settings: Any,
 ) -> Answer:
     """Locate what the model leaves out, name it, and check it on `heldout`, as `iiwa-ident diagnose`.
 
-    model: a model.json or a simulator's file to diagnose against, None for a nominal fit. settings: fields of
+    model: a fit, a model.json or a simulator's file to diagnose against, None for a nominal fit. settings: fields of
     `DiagnosisSettings`. Raises what `fit` raises, and ModelFileError.
     """
+    if isinstance(model, Fit):
+        model = model_of_fit(model.result, "the fit")
     given = Path(model) if isinstance(model, str) else model
     if isinstance(given, Path) and given.suffix == ".json":
         given = read_model(given)

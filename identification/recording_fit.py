@@ -344,7 +344,7 @@ def _refuse_wrong_sign(sign: TorqueSign, processed: list[Processed]) -> None:
     raise RecordingError.named(
         path,
         f"the torque has the opposite sign of the inverse dynamics: as it stands, inertia or "
-        f"friction of joint {joints} would be negative{gravity}. Turn it with --flip-torque",
+        f"friction of joint {joints} would be negative{gravity}. Turn it with --flip-torque, of `fit` or of `import`",
         field="tau",
         joint=next(iter(sign.inverted_joints), None),
     )

@@ -107,6 +107,7 @@ def _changes(
     from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
     from identification.audit.reading import read_so
+    from identification.audit.signs import require_stated_signs
     from identification.audit.trend import LEAST, trend_of, with_hours
     from identification.errors import RecordingError
     from identification.model_file import no_check, read_model
@@ -121,6 +122,7 @@ def _changes(
         message(no_check(name))
     if known is None:
         require_stated_stand(inputs.recordings[:1], inputs.robot)
+        require_stated_signs(inputs.recordings[:1], inputs.robot, "nothing can be compared with it")
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     # Every run's recording has the same file name: it is called as the user called it.
@@ -174,8 +176,14 @@ def _write_page(trend: Trend, robot: str, out: Path) -> Path:
 def _leaderboard(
     models: Sequence[Path], logs: Sequence[Path], arm: RecordedArm, offsets: bool, json_file: Path | None
 ) -> None:
+    from daemon.cli.protection import is_recording
     from identification.audit.leaderboard import leaderboard
 
+    for file in filter(is_recording, models):
+        raise typer.BadParameter(
+            f"{file} is a recording and no model: --on goes before each of several recordings; in `compare --models` "
+            "they stand behind --."
+        )
     inputs = arm.load(logs, model_robot=_robot_of(models))
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
     result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "recordings": list(map(str, logs)),

@@ -231,11 +231,11 @@ def finding_lines(finding: Finding, torque_units: Sequence[str] = ()) -> Sequenc
 
 
 def _in_numbers(parameter: Parameter) -> str:
-    """Value and σ; ± is left to the sentences, where it is half of the 95 % interval."""
+    """Value and σ; ± is left to the sentences, where it is half of the 95 % interval. The unit 1 is none to read."""
     from identification.report.numbers import UNKNOWN, with_sigma
 
     value, sigma = with_sigma(parameter.value, parameter.std)
-    text = f"{parameter.name} {value} {parameter.unit}".rstrip()
+    text = f"{parameter.name} {value} {'' if parameter.unit == '1' else parameter.unit}".rstrip()
     return text if sigma == UNKNOWN else f"{text} (σ {sigma})"
 
 

@@ -36,6 +36,9 @@ def import_recording(
         float | None,
         typer.Option("--period", help="Seconds until the motion repeats, over what the file states; 0: it does not."),
     ] = None,
+    flip_torque: Annotated[
+        bool, typer.Option("--flip-torque", help="Turn the sign of all torques, as where they have FRI's own.")
+    ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Log to write (one file only); default: FILE.mcap.")] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write over an earlier import. A robot's own log is never written over.")
@@ -66,7 +69,7 @@ def import_recording(
             topic=topic,
             period_s=period,
         )
-        recording = _as_it_stood(recording, find_mount=arm.finds_mount)
+        recording = _as_it_stood(_turned(recording) if flip_torque else recording, find_mount=arm.finds_mount)
         write_recording(recording, target)
         results.append({"file": str(file), "log": str(target), **recording.report.to_json()})
         if not wants_json_on_stdout(json_file):
@@ -78,6 +81,15 @@ def import_recording(
             data_lines(f"  {finding.sentence}" for finding in said)
     if json_file is not None:
         write_json(json_file, results)
+
+
+def _turned(recording: Recording) -> Recording:
+    """With the sign of all torques turned, which the import's report then says."""
+    from identification.recordings.recording import Finding
+
+    report = recording.report
+    said = Finding.of_all("turned_torque", report.rows_read, "the sign of all torques was turned, as was asked for")
+    return replace(recording, torque=-recording.torque, report=report.first([said]))
 
 
 def _as_it_stood(recording: Recording, *, find_mount: bool) -> Recording:

@@ -232,7 +232,7 @@ class Session:
         if self.drop is not None or hindrance is not None:
             raise ValueError(hindrance or "the session is latched")
         self._terms = MotionTerms(message, test_mode_only=test_mode_only, never_in_t1=never_in_t1)
-        self._begun_ns = self.last_fresh_ns
+        self._begun_ns = self.moment.time_ns
 
     def obstacle(self, message: MonitoringMessage) -> str | None:
         """Why a motion cannot begin on this fresh message, as a clause for the operator; None when it can."""
@@ -357,5 +357,5 @@ class Session:
             limit=float(-1 if limit is None else limit),
             joint=joint,
             quality=self.quality,
-            motion_s=(self.last_fresh_ns - self._begun_ns) / 1e9,
+            motion_s=(self.moment.time_ns - self._begun_ns) / 1e9,
         )

@@ -44,8 +44,9 @@ class SessionDrop:
     """The moment a motion's session was lost; states and numbers as the robot reported them.
 
     cycle: fresh messages since the session began, counted from 1; quality: of the connection then; motion_s: time
-    since the motion began; recent: the link in the last second, where somebody watched it. value and limit by reason:
-    state now and state needed; quality and GOOD; safety state and NORMAL_OPERATION; drive state (of `joint`, from 1)
+    since the motion began, the robot's own where that is simulated; recent: the link in the last second, where
+    somebody watched it. value and limit by reason: state now and state needed; quality and GOOD; safety state and
+    NORMAL_OPERATION; drive state (of `joint`, from 1)
     and ACTIVE; mode or overlay type now and before (-1: it was not reported before); counter and the counter expected;
     silence in s and the time-out in s; send period in ms now and before, or where that stayed the command period.
     """

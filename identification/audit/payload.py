@@ -25,9 +25,8 @@ from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIG
 from identification.audit.hypotheses import LOAD_SIZES
 from identification.audit.rows import LEAST_TRAVEL, Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
-from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.errors import EstimationError, RecordingError
-from identification.mismatch.data_faults.torque_signs import signs_of
+from identification.audit.signs import require_stated_signs
+from identification.errors import EstimationError
 from identification.mismatch.settings import CAPTURE
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
@@ -93,7 +92,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
     runs = [_of_moving_joints(rows_of(recordings)) for recordings in (without, with_load)]
     refuse_repeated([*without, *with_load])
-    _refuse_turned([*without, *with_load], robot)
+    require_stated_signs([*without, *with_load], robot, "no load can be weighed with it")
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
@@ -151,22 +150,6 @@ def _refuse_two_arms(left: Sequence[float], alone: Sequence[float], load: float,
                 f"the recordings {side} the tool (all joints together), beside an arm of their own {own:.3g}. "
                 "Something changed while they were recorded, such as a tool picked up or put down, the two sides are "
                 "of different arms, or something other than the tool differs. `iiwa-ident compare` says what."
-            )
-
-
-def _refuse_turned(recordings: Sequence[Recording], robot: RobotModel) -> None:
-    """A torque with the wrong sign makes another load, or one that was taken off, as exact as the true one."""
-    regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
-    for recording, signs in zip(recordings, signs_of(recordings, regressor), strict=True):
-        joints = [int(joint) + 1 for joint in np.flatnonzero(signs < 0.0)]
-        if joints:
-            which = "every joint" if len(joints) == robot.n else f"joint {', '.join(map(str, joints))}"
-            raise RecordingError.at(
-                recording.source.path,
-                f"as it stands, no load can be weighed with it: with the torque of {which} turned it goes far better "
-                "with one rigid body of positive inertia and friction. `iiwa-ident doctor --log` says what is wrong.",
-                field="tau",
-                joint=joints[0],
             )
 
 

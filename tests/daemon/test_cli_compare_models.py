@@ -79,6 +79,15 @@ def test_the_true_arm_wins_in_every_format_and_the_heavy_link_is_named(folder: P
     assert not any(item["kind"] in ("payload", "link_parameters") for each in best for item in each["differences"])
 
 
+def test_a_recording_among_the_models_is_told_where_it_belongs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of `--on A B`: B was taken for a model that cannot be read, and only A was asked."""
+    log = folder / "log.npz"
+    assert run("leaderboard", folder / "true.urdf", "--on", log, log) == 2
+    assert "--on goes before each of several recordings" in " ".join(capsys.readouterr().err.split())
+
+
 def test_the_leaderboard_is_the_comparison_of_models(folder: Path, tmp_path: Path) -> None:
     files = [folder / name for name in ("heavy.urdf", "true.urdf")]
     assert run("leaderboard", *files, "--on", folder / "log.npz", "--json", tmp_path / "a.json") == 0

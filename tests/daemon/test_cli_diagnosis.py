@@ -131,11 +131,12 @@ def test_the_models_spring_pulls_where_the_simulated_arm_is(diagnosed: Path, iiw
 def test_numbers_under_a_sentence_show_sigma_and_no_chance_of_zero() -> None:
     """± in a sentence is half of the 95 % interval; the same sign for σ one line below read as another result."""
     finding = SimpleNamespace(
-        parameters=(Parameter("stiffness", 7684.2, 48.7, "Nm/rad"),), score=6900.0, significance=0.0,
+        parameters=(Parameter("stiffness", 7684.2, 48.7, "Nm/rad"), Parameter("exponent", 1.52, 0.2, "1")),
+        score=6900.0, significance=0.0,
         absorbed_fraction=0.68, heldout_gain_nm=np.zeros(0), separating_experiment=None,
     )  # fmt: skip
     numbers, sureness = finding_lines(finding)  # type: ignore[arg-type]
-    assert numbers == "stiffness 7684 Nm/rad (σ 49)"
+    assert numbers == "stiffness 7684 Nm/rad (σ 49); exponent 1.52 (σ 0.20)"  # it read "exponent 1.52 1"
     assert "noise alone below 1e−6, 68 %" in sureness
 
 

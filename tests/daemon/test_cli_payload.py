@@ -219,3 +219,21 @@ def test_one_measurement_weighs_once(
 def test_a_recording_is_not_compared_with_itself(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     assert run("compare", str(files[0]), str(files[0])) == 65
     assert "counts once" in capsys.readouterr().err
+
+
+def test_a_load_is_not_called_taken_off_where_torques_have_the_sign_of_fri(
+    files: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turned = [tmp_path / file.name for file in files]
+    for file, to in zip(files, turned, strict=True):
+        with np.load(file) as sound:
+            np.savez(to, **{**sound, "tau": -sound["tau"]})
+    for command in ("compare", "payload"):
+        assert run(command, *map(str, turned)) == 65
+        assert "`iiwa-ident import --flip-torque`" in capsys.readouterr().err
+    assert run("import", *map(str, turned), "--flip-torque") == 0
+    assert "the sign of all torques was turned" in capsys.readouterr().out
+    logs = [str(file.with_suffix(".mcap")) for file in turned]
+    assert run("compare", *logs) == 0
+    assert re.search(r"A load of (1\.99|2\.0).* kg on the flange", capsys.readouterr().out)
+    assert run("payload", *logs) == 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from daemon.cli.app import main
+from daemon.errors import sentence_of
 from tests.ports import free_udp_port
 from tests.short_motion import short_trajectory
 
@@ -98,3 +99,14 @@ def test_a_folder_that_is_not_there_yet_is_made_for_the_result(tmp_path: Path) -
     file = tmp_path / "new" / "folder" / "found.json"
     assert run("check", str(short_trajectory(tmp_path / "short.json")), "--json", str(file)) == 0
     assert json.loads(file.read_text())["safe"] is True
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [(b"\xc3\x9cbung 1", "behind LC_ALL=C.UTF-8."), (b"caf\xe9", "give that file or folder another name.")],
+)
+def test_a_name_in_utf8_is_not_blamed_for_the_locale(name: bytes, said: str) -> None:
+    """A terminal whose locale is not UTF-8 reads each byte of the first as it reads the last of the second."""
+    with pytest.raises(UnicodeEncodeError) as refused:
+        name.decode("ascii", "surrogateescape").encode("utf-8")
+    assert sentence_of(refused.value).endswith(said)

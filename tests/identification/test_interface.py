@@ -135,6 +135,15 @@ def test_what_is_saved_is_what_every_command_reads(ran: dict[str, Any], tmp_path
     assert ident.validate(extended, folder / "emps_b.npz").result.rows[0].rms_nm.shape == (1,)
 
 
+def test_a_fit_is_diagnosed_against_as_its_file_is(ran: dict[str, Any], tmp_path: Path) -> None:
+    model, other = ran["model"], REPOSITORY / "fixtures" / "recordings" / "emps_b.npz"
+    mine, read = (ident.diagnose(other, model=item).result for item in (model, model.save(tmp_path / "model.json")))
+    assert mine.model_comparison is not None
+    assert read.model_comparison is not None
+    assert mine.model_comparison.model_nm == pytest.approx(read.model_comparison.model_nm, rel=1e-9)
+    assert [item.effect for item in mine.findings] == [item.effect for item in read.findings]
+
+
 def test_a_model_is_not_checked_by_what_it_was_fitted_to(ran: dict[str, Any], tmp_path: Path) -> None:
     """By content: the fit itself and its file know its samples, and a part of them too, in any precision."""
     fitted, other = (REPOSITORY / "fixtures" / "recordings" / name for name in ("emps_a.npz", "emps_b.npz"))

@@ -112,15 +112,16 @@ def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
     joints = tuple(int(joint) + 1 for joint in np.flatnonzero(signs < 0.0))
     if not joints:
         return []
-    which = "joint " + ", ".join(str(joint) for joint in joints)
+    which, remedy = "joint " + ", ".join(str(joint) for joint in joints), ""
     if len(joints) == signs.size:
         which = "every joint (the vendor's sign, as FRI has it)" if signs.size > 1 else "joint 1"
+        remedy = " `iiwa-ident import --flip-torque` turns it."
     return [
         DataFault(
             "inverted_torque_sign",
             joints,
             f"{name}: the torque of {which} has the wrong sign: turned, the recording goes far better with one "
-            "rigid body of positive inertia and friction.",
+            f"rigid body of positive inertia and friction.{remedy}",
         )
     ]
 
