@@ -104,7 +104,7 @@ def _changes(
     first: Path, others: Sequence[Path], arm: RecordedArm, hours: Sequence[float] | None, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    from identification.audit.between import changes_between, model_of
+    from identification.audit.between import changes_between, model_of, warnings_of
     from identification.audit.mount import require_stated_stand
     from identification.audit.reading import read_so
     from identification.audit.signs import require_stated_signs
@@ -124,6 +124,8 @@ def _changes(
         require_stated_stand(inputs.recordings[:1], inputs.robot)
         require_stated_signs(inputs.recordings[:1], inputs.robot, "nothing can be compared with it")
     model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
+    for warning in () if known is not None else warnings_of(model.data["provenance"]["notes"]):
+        message(warning)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     # Every run's recording has the same file name: it is called as the user called it.
     changes = [changes_between(model, recording, inputs.robot, str(first)) for recording in recordings]
@@ -233,8 +235,9 @@ def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) ->
 
 
 def show_change(title: str, change: Change) -> None:
-    """The causes in sentences, then the parameters that differ most."""
+    """What is wrong with the recording, the causes in sentences, then the parameters that differ most."""
     data(title)
+    data_lines(f"  {warning}" for warning in change.warnings)
     for sentence in [item.sentence for item in change.audit.differences] or [change.audit.sentence]:
         data(f"  {sentence}")
     show_table(

@@ -94,6 +94,7 @@ def diagnose(
     from identification.fitting.settings import Split
     from identification.mismatch.settings import DiagnosisSettings
     from identification.recordings.reader import recording_file
+    from identification.signals.alike import one_of_alike
 
     if write_model is not None:
         _refuse_as_target(write_model, model)
@@ -106,7 +107,7 @@ def diagnose(
         model_robot=None if model is None else robot_of_model(model),
     )
     recordings, unseen = inputs.recordings[: len(logs)], inputs.recordings[len(logs) :]
-    periodic = [recording.repeats for recording in (*recordings, *unseen)]
+    periodic = [one_of_alike(recording).repeats for recording in (*recordings, *unseen)]
     if split is not None and (unseen or any(periodic)):
         raise typer.BadParameter("--split is for recordings without periods, where no --heldout is given.")
     if low_pass_hz is not None and all(periodic):

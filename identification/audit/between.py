@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,10 +36,13 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """audit: the fewest causes. parameters: all that both have, the largest difference in σ first."""
+    """audit: the fewest causes. parameters: all that both have, the largest difference in σ first. warnings: of the
+    fit of the recording alone, which may be another one than it states.
+    """
 
     audit: Audit
     parameters: tuple[ParameterChange, ...]
+    warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -46,6 +50,7 @@ class Change:
             "audit": self.audit.to_json(),
             "differences": [item.to_json() for item in self.audit.differences],
             "parameters": plain(self.parameters),
+            "warnings": list(self.warnings),
         }
 
 
@@ -64,6 +69,11 @@ def fitted_to(recording: Recording, robot: RobotModel, like: RegressorOptions | 
             coulomb_velocity=like.coulomb_velocity,
         )
     return fit_recordings([recording], robot, settings)
+
+
+def warnings_of(notes: Sequence[str]) -> tuple[str, ...]:
+    """Those notes of a fit that say that its recording is not what it states."""
+    return tuple(note for note in notes if note.startswith("WARNING"))
 
 
 def model_of(recording: Recording, robot: RobotModel) -> Model:
@@ -100,7 +110,7 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel, calle
             sigmas = float((after - value) / max(float(np.hypot(std, deviation)), 1e-300))
             parameters.append(ParameterChange(name, float(value), float(after), sigmas, units[name]))
     parameters.sort(key=lambda item: -abs(item.sigmas))
-    return Change(found, tuple(parameters))
+    return Change(found, tuple(parameters), warnings_of(fit.notes))
 
 
 def _deviations(model: Model, robot: RobotModel) -> list[float]:

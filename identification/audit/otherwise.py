@@ -33,6 +33,8 @@ from identification.signals.aperiodic import ROWS_PER_CUTOFF_PERIOD
 
 CHANGING = "changes", "another arm"
 """Kinds of a recording that is not one throughout."""
+FILTERED = "filtered"
+"""The kind of a torque that alone went through a filter, or is late."""
 WIDEST_ZERO = np.pi / 2.0
 SETTLED = 1e-4
 """rad, m, or of a scale's logarithm: where no step is longer, the values are settled."""
@@ -92,7 +94,7 @@ def other_reading(recording: Recording, robot: RobotModel) -> Otherwise | None:
     found: list[tuple[str, str, Score, Score]] = []
     passed = likeliest_filter(unbroken, alone, LEAST_GAIN)
     if passed is not None:
-        found.append(("filtered", passed[0].sentence, passed[1], alone))
+        found.append((FILTERED, passed[0].sentence, passed[1], alone))
     if known is not None:
         found.append((known.kind, known.sentence, _mended(asked, recording, changed), stated))
     whole = _another_arm(asked, stated, recording)

@@ -23,10 +23,12 @@ from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Products, log_evidence, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.hypotheses import LOAD_SIZES
+from identification.audit.mount import misplaced
+from identification.audit.otherwise import CHANGING, FILTERED, other_reading
 from identification.audit.rows import LEAST_TRAVEL, Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
 from identification.audit.signs import require_stated_signs
-from identification.errors import EstimationError
+from identification.errors import EstimationError, RecordingError
 from identification.mismatch.settings import CAPTURE
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
@@ -83,8 +85,9 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     """The body on the last link that only the second recordings have.
 
     In the flange's frame where the robot has one on its last link, else in that link's.
-    Raises RecordingError for recordings at rest or too short, for one that is given twice and for one whose torque has
-    the wrong sign, EstimationError where no load can be seen, it is beyond reason, or one does not describe them.
+    Raises RecordingError for recordings at rest or too short, for one that is given twice, for one whose torque has the
+    wrong sign and for one that has to be read otherwise (`other_reading`), EstimationError where no load can be seen,
+    it is beyond reason, or one does not describe them.
     """
     refuse_followers(robot, "weigh a load on")
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
@@ -93,6 +96,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     runs = [_of_moving_joints(rows_of(recordings)) for recordings in (without, with_load)]
     refuse_repeated([*without, *with_load])
     require_stated_signs([*without, *with_load], robot, "no load can be weighed with it")
+    _refuse_misread([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
@@ -150,6 +154,19 @@ def _refuse_two_arms(left: Sequence[float], alone: Sequence[float], load: float,
                 f"the recordings {side} the tool (all joints together), beside an arm of their own {own:.3g}. "
                 "Something changed while they were recorded, such as a tool picked up or put down, the two sides are "
                 "of different arms, or something other than the tool differs. `iiwa-ident compare` says what."
+            )
+
+
+def _refuse_misread(recordings: Sequence[Recording], robot: RobotModel) -> None:
+    """Torques under other joints or in scales of their own make another load as exact as the true one. What else a
+    recording may be leaves much of the load, or widens its interval.
+    """
+    for recording in recordings:
+        read = other_reading(recording, robot)
+        scales = read.sentence if read is not None and read.kind not in (*CHANGING, FILTERED) else ""
+        if said := misplaced([recording], robot) or scales:
+            raise RecordingError.at(
+                recording.source.path, f"as it stands, no load can be weighed with it. {said.rstrip('.')}.", field="tau"
             )
 
 

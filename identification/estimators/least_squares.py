@@ -16,9 +16,9 @@ from identification.estimators.observation import CompressedObservation, Observa
 
 Weighting = Literal["per_joint", "none"]
 
-# A joint whose residual is below this share of its torque counts as measured that well, not better: noise-free data
-# would otherwise give it an infinite weight.
-_SMALLEST_RELATIVE_RESIDUAL = 1e-9
+# A joint whose residual is below this share of its torque counts as measured that well, not better: beside noise-free
+# joints the columns of one that holds torque beyond the model would weigh nothing, as if the motion did not show them.
+_SMALLEST_RELATIVE_RESIDUAL = 1e-6
 _MOST_REWEIGHTINGS = 20
 _REWEIGHTING_TOLERANCE = 1e-3
 

@@ -20,6 +20,7 @@ from identification.signals import (
     process_as_in_paper,
     process_periodic,
 )
+from identification.signals.alike import notes_on_alike, one_of_alike
 from identification.signals.periods import period_table
 
 SMALLEST_MOTION = 1e-3
@@ -109,10 +110,11 @@ def process_whole_periods(recording: Recording, settings: FitSettings) -> Proces
             f"The {settings.pipeline} pipeline fits whole periods and cannot be split by time; "
             "hold out another recording instead, or use the aperiodic pipeline"
         )
-    recording = _upright(recording, settings)
+    recording = one_of_alike(_upright(recording, settings))
+    alike = notes_on_alike(recording)
     if settings.pipeline == "paper":
         signals = process_as_in_paper(recording)
-        return Processed(recording, "paper", (signals,), tuple(signals.facts["notes"]))
+        return Processed(recording, "paper", (signals,), (*alike, *signals.facts["notes"]))
     if not _has_whole_periods(recording, settings):
         return None
     periodic = PeriodicSettings(settings.motion_bandwidth_hz, settings.torque_bandwidth_hz)
@@ -122,7 +124,7 @@ def process_whole_periods(recording: Recording, settings: FitSettings) -> Proces
         if settings.pipeline == "periodic" or error.field != "period_s":
             raise
         return None
-    return Processed(recording, "periodic", (signals,), tuple(signals.facts["notes"]))
+    return Processed(recording, "periodic", (signals,), (*alike, *signals.facts["notes"]))
 
 
 def process_without_periods(recording: Recording, settings: FitSettings) -> Processed:

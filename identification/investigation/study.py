@@ -42,6 +42,7 @@ from identification.mismatch.reduction import build_evidence
 from identification.mismatch.settings import DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.signals.alike import one_of_alike
 
 Progress = Callable[[str, float], None]
 
@@ -107,10 +108,10 @@ def study(
     with a fault that makes every name worthless, and the errors of `diagnose`.
     """
     for item in (*recordings, *heldout):
-        if not item.repeats:
+        if not one_of_alike(item).repeats:
             raise RecordingError(
-                f"{item.source.path} has no periods, so that its noise is not known; record a periodic motion, four "
-                "periods or more",
+                f"{item.source.path} has no periods, or such as are alike to rounding, so that its noise is not known; "
+                "record a periodic motion, four periods or more",
                 file=item.source.path,
             )
     settings = settings or DiagnosisSettings()

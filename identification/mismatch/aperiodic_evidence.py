@@ -24,9 +24,10 @@ from identification.fitting.settings import Split
 from identification.mismatch.evidence import Evidence, fit_parameters, with_nominal, with_parameters
 from identification.mismatch.motion import Motion
 from identification.mismatch.problem import BAND_EDGES_HZ
-from identification.mismatch.settings import MOST, DiagnosisSettings
+from identification.mismatch.settings import MOST, ROWS_TELL, DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
+from identification.signals.alike import notes_on_alike
 from identification.signals.aperiodic import (
     EDGE_PERIODS,
     ROWS_PER_CUTOFF_PERIOD,
@@ -91,7 +92,7 @@ def default_split(recordings: Sequence[Recording], settings: DiagnosisSettings) 
             shortest.source.path,
             f"{shortest.duration_s:.2g} s are too short to hold each third block of "
             f"time out at a low-pass of {cutoff:.3g} Hz, which takes {HELD_OUT_EVERY * block:.2g} s; record longer, or "
-            "give another recording with --heldout",
+            "give another recording with --heldout" + "".join(f"; {note}" for note in notes_on_alike(shortest)),
             field="t",
         )
     return Split("blocks", (shortest.duration_s / blocks, float(HELD_OUT_EVERY), HELD_OUT_EVERY - 1.0))
@@ -271,8 +272,8 @@ def _evidence(
     cutoff = float(signals.facts["low_pass_hz"])
     response = 1.0 / (1.0 + (frequency / cutoff) ** 8)
     torque = project(signals.torque)
-    white = np.sqrt(density / step)[None] * response[:, None]
     scale = np.sqrt(np.mean(torque**2, axis=0))
+    white = np.maximum(np.sqrt(density / step)[None] * response[:, None], ROWS_TELL * scale)
     offset = signals.time - signals.time[0]
     evidence = Evidence(
         recording=recording,
@@ -282,7 +283,7 @@ def _evidence(
         torque=torque,
         period_torque=None,
         nominal=np.zeros(0),
-        noise=white + SMALLEST_WEIGHT * scale + 1e-12,
+        noise=white + 1e-12,
         noise_freedom=np.full(torque.shape, NOISE_FREEDOM),
         used=used,
         noise_is_measured=False,

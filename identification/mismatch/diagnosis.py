@@ -65,6 +65,7 @@ from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.robots.model import refuse_followers
+from identification.signals.alike import one_of_alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +106,7 @@ def diagnose(
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
     refuse_followers(robot, "diagnose")
-    recordings, heldout = ([for_robot(item, robot) for item in items] for items in (recordings, heldout))
+    recordings, heldout = ([one_of_alike(for_robot(item, robot)) for item in items] for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)

@@ -40,7 +40,8 @@ class Evidence:
     noise_is_measured: whether the noise comes from period differences; False where it had to be taken from the high
     band, which is weaker evidence. restore: rows (R, …) back to (S, …), nan where no row tells; None for the lines of
     a period. counted: samples behind the rows where those are not all of the motion's. white_noise:
-    (R, n) Nm, level of the torque above the compared band where `noise` is more than that; None where it is measured.
+    (R, n) Nm, level of the torque above the compared band where `noise` is more than that, no less than rows without
+    periods are known to (`ROWS_TELL`); None where it is measured.
     noise_by_band: whether noise that stands in for a measured one may differ between bands. table: the periods that
     the rows come from, None without.
     """

@@ -43,6 +43,9 @@ UNLIKELY = 1e-4
 """Chance, over all that was looked at, below which what is seen is no noise."""
 ROUNDING = 1e-9
 """Share of a whole below which what is left of it is rounding."""
+ROWS_TELL = 1e-4
+"""Share of a joint's torque to which rows without periods are known: low-passed motion has no closer torque (1e-5 to
+3e-4 of a simulator's exact one), and no torque sensor is better."""
 MOST = 0.5
 """Share of a whole beyond which it is most of it: of a name's torque and nats, a misfit, a difference, a block."""
 CLEARLY = 4.0

@@ -36,6 +36,8 @@ from identification.mismatch.search.library import EffectRows
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.settings import ROUNDING, DiagnosisSettings
 from identification.mismatch.unknown.claims import ClassClaim
+from identification.recordings.independence import recording_names
+from identification.signals.alike import notes_on_alike
 
 MUCH = 3.0
 """Noise of another colour lies within; a model that leaves more may lack physics."""
@@ -238,7 +240,14 @@ def _notes(fitted: Prepared, unseen: Prepared | None) -> tuple[str, ...]:
     evidences = [*fitted.evidences, *(() if unseen is None else unseen.evidences)]
     if all(evidence.noise_is_measured for evidence in evidences):
         return ()
+    recordings = list({id(item.recording): item.recording for item in evidences}.values())
+    alike = [
+        f"{name}: {sentence}."
+        for name, recording in zip(recording_names(recordings), recordings, strict=True)
+        for sentence in notes_on_alike(recording)
+    ]
     return (
+        *alike,
         "A recording has no periods to compare, so its noise cannot be told from misfit. Rows are weighted by the "
         "level above the compared band, or by a tenth of what a plain fit leaves where that is more. Names rest on "
         "what they explain of rows that were not fitted. Where the robot can repeat a motion, record four periods "

@@ -19,7 +19,7 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.search.detection import band_power
 from identification.mismatch.search.extension import torque_beside
 from identification.mismatch.search.library import EffectRows
-from identification.mismatch.settings import SPEAK, UNLIKELY
+from identification.mismatch.settings import ROWS_TELL, SPEAK, UNLIKELY
 from identification.mismatch.unknown.angle_claims import angle_claim
 from identification.mismatch.unknown.claims import ClassClaim, ClassCurve, ClassModel, NearestForm, Offer
 from identification.mismatch.unknown.classes import CLASSES
@@ -77,13 +77,11 @@ def judge(
     needed = max((standing[item] for item in smooth), default=0.0)
     chosen = sorted((item for item in standing if standing[item] >= needed), key=lambda item: -standing[item])
     claims = _claims(found, chosen, gain, problem, candidates)
-    angles = [
-        claim
-        for item in found.angles
-        if item.loss >= max(SPEAK, needed)
-        and (claim := angle_claim(found, item, before, problem, candidates)).interval_nm[0] > 0.0
-    ]
+    asked = (item for item in found.angles if item.loss >= max(SPEAK, needed))
+    angles = [angle_claim(found, item, before, problem, candidates) for item in asked]
     claims = sorted([*claims, *angles], key=lambda claim: -claim.significance) if angles else claims
+    least = _least_torque(found, problem)
+    claims = [claim for claim in claims if claim.interval_nm[0] > least[claim.joint - 1]]
     if problem.noise_is_measured and not smooth:
         said = {joint - 1 for claim in claims for joint in (claim.joint, *claim.shows_on)}
         beyond = np.maximum(names.power.probability.min(axis=1), _chance_beside_classes(found, problem)) < UNLIKELY
@@ -94,6 +92,16 @@ def judge(
     if smooth:
         notes.append(_background([item.joint + 1 for item in smooth]))
     return Judgement(tuple(claims), model, offered, tuple(notes))
+
+
+def _least_torque(found: Dependence, problem: Problem) -> FloatArray:
+    """(n,) Nm RMS that a class has to have on the fitted rows: what may as well be nothing is no finding, nor is what
+    rows of an unknown noise do not tell.
+    """
+    if problem.noise_is_measured:
+        return np.zeros(problem.n)
+    torque = problem.torque.reshape(problem.weight.shape) * problem.noise
+    return np.asarray(ROWS_TELL * np.sqrt((torque**2).sum(axis=1) / found.alone.rows.samples[0]))
 
 
 def _chance_beside_classes(found: Dependence, problem: Problem) -> FloatArray:
@@ -152,10 +160,7 @@ def _claims(
             continue
         taken, after = gain(item), found.after[1]
         unseen = on_unseen_rows(taken[item.joint], after[item.joint], "the joint's RMS") if taken.size else ""
-        claim = _claim(alone.rows, alone, item, state, taken, unseen, problem, candidates)
-        if claim.interval_nm[0] > 0.0:
-            # What may as well be nothing on the fitted rows is no finding.
-            claims.append(claim)
+        claims.append(_claim(alone.rows, alone, item, state, taken, unseen, problem, candidates))
     return claims
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from identification.audit.between import changes_between, fitted_to, model_of, model_of_fit
 from identification.audit.trend import trend_of
@@ -88,3 +89,15 @@ def test_friction_at_a_speed_is_what_has_turned_over_by_then(iiwa14: RobotModel,
         own = joint.joint - 1
         truth = table3.viscous[own] * joint.speed + table3.coulomb[own] * np.tanh(joint.speed / WIDTH)
         assert joint.friction == pytest.approx(truth, abs=4.0 * joint.std.max())
+
+
+def test_a_recording_that_is_not_what_it_states_is_said_beside_its_changes(
+    iiwa14: RobotModel, table3: PhysicalParameters
+) -> None:
+    """A filter of `scipy` on its torques was the body of another link, or a load, in silence."""
+    first, second = (record(iiwa14, table3, seed) for seed in (1, 2))
+    model = model_of_fit(fitted_to(first, iiwa14), "first")
+    assert not changes_between(model, second, iiwa14).warnings
+    smooth = sosfiltfilt(butter(2, 1.0, fs=200.0, output="sos"), second.torque, axis=0)
+    (said,) = changes_between(model, replace(second, torque=smooth), iiwa14).warnings
+    assert "low-passed before they were recorded, at 1 Hz" in said

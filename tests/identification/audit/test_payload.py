@@ -334,3 +334,20 @@ def test_of_an_arm_of_one_joint_all_torques_are_one_reading(tmp_path: Path) -> N
     assert body.mass.value == pytest.approx(25.0, abs=0.1)
     assert body.mass.std == pytest.approx(np.sqrt(0.5) * 120.0 * body.torque_ratio.std, rel=0.05)
     assert body.ratio_joint is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda torque: torque / np.array([1.6, 1.6, 1.6, 1.6, 1.0, 1.6, 1.6]), "different scales"),
+        (lambda torque: torque[:, [0, 1, 2, 3, 4, 6, 5]], "6"),
+    ],
+)
+def test_no_load_is_weighed_with_torques_that_are_misread_alike_on_both_sides(
+    iiwa14: RobotModel, recorded: Callable[..., Recording], change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    """In scales of their own they made 1.56 ± 0.002 kg of 2.5 kg, under each other's joints a centre 44 mm away."""
+    sides = recorded(None, 1), recorded(body_of(2.5, (0.02, -0.01, 0.07)), 2)
+    bare, tool = (replace(side, torque=change(side.torque)) for side in sides)
+    with pytest.raises(RecordingError, match=f"no load can be weighed with it.*{said}"):
+        weighed(iiwa14, bare, tool)
