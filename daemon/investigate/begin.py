@@ -8,7 +8,7 @@ from pathlib import Path
 
 from daemon.errors import ConfigurationError
 from daemon.investigate.account import Account, Recorded
-from daemon.investigate.loop import smallest_budget_s
+from daemon.investigate.motions import smallest_budget_s
 from daemon.investigate.same_arm import refuse_other_arms
 from daemon.investigate.states import State
 from daemon.words import counted
