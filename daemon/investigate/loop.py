@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from daemon.errors import ConfigurationError
-from daemon.investigate.account import Account, Motion, Recorded, Told, not_asked_for, save
+from daemon.investigate.account import Account, Motion, Recorded, Told, not_asked_for, save, without_its_mass
 from daemon.investigate.motions import (
     FIRST_PERIODS,
     SAME_MOTION,
@@ -157,12 +157,14 @@ class Investigation:
         if state in (State.NEEDS_ACTION, State.SETTLED):
             self._keep(added_mass=mass)
             if acted is not None:
-                self._keep(state=after(state, Event.ACTED), doing=acted)
+                self._keep(state=after(state, Event.ACTED), doing=acted, actions=(), asks=())
             elif state is State.SETTLED and self.account.wanted:
                 self._keep(state=after(state, Event.RESUMED))
             return
         if acted not in expected:
             raise not_asked_for(acted, self.account, self._folder)
+        if self.account.doing is Action.ADD_MASS and mass is None:
+            raise without_its_mass(self._folder)
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
         self._keep(state=after(state, event), added_mass=mass)
 
