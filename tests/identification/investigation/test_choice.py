@@ -103,7 +103,7 @@ def test_forms_that_an_error_outweighs_stay_alive_for_the_choice_of_a_motion_and
     """Without any the first motion drawn was driven. Truth: the odds that are given."""
     nothing = replace(NOTHING, beside=(np.array([0.2]),))
     far = [hypothesis("cable_spring", -1500.0, 0.0), hypothesis("torque_offset", -1505.0, 0.0)]
-    alive = _alive([far[1], nothing, far[0]], ())
+    alive = _alive([far[1], nothing, far[0], hypothesis("joint_elasticity", -1520.0, 0.0)], ())
     assert [item.effect for item in alive] == [None, "cable_spring", "torque_offset"]
     assert [item.probability for item in alive] == [1.0, 0.0, 0.0]
     near = hypothesis("joint_elasticity", -3.0, 0.0)
