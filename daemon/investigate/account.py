@@ -185,3 +185,12 @@ def not_asked_for(action: Action | None, account: Account, folder: Path) -> Conf
         "the command without it.",
         file=str(folder),
     )
+
+
+def without_its_mass(folder: Path) -> ConfigurationError:
+    """What is said where the known mass is off before the motion that is to show what it does."""
+    return ConfigurationError(
+        "the next motion is to show what the known mass changes, and would be driven without one: fasten it again "
+        "(--added-mass KG@X,Y,Z), or begin anew with --from and another --out.",
+        file=str(folder),
+    )

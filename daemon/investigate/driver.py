@@ -6,7 +6,7 @@ On a real arm a new motion climbs the commissioning ladder first.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -84,7 +84,7 @@ class FriDriver:
             return last
         for rung in reversed(RUNGS[:-1]):
             if (drive := ended_in(_rung_folder(folder, rung))) is not None:
-                return None if drive.outcome == "recorded" else drive
+                return None if drive.outcome == "recorded" else replace(drive, recorded_s=0.0)
         return None
 
     def _prepared(self, trajectory: Path, amplitude: float) -> PreparedMotion:
@@ -128,7 +128,7 @@ def ended_in(folder: Path) -> Drive | None:
         "no run.json says how this motion ended (processes of it that are left write one soon), and nobody saw the "
         "arm come to rest: nothing moves again by itself. Look at the arm and the cabinet, then add --after-drop."
     )
-    return Drive("unknown", folder, sentence)
+    return Drive("unknown", folder, sentence, recorded_s=None)
 
 
 def _drive_of(outcome: RunOutcome) -> Drive:
@@ -137,7 +137,8 @@ def _drive_of(outcome: RunOutcome) -> Drive:
     if outcome.outcome == "completed" and not outcome.exit_code:
         return Drive("recorded", recording, sentence)
     how: Literal["dropped", "stopped"] = "dropped" if _has_to_be_looked_at(outcome) else "stopped"
-    return Drive(how, recording, sentence, outcome.exit_code)
+    period_s = 0.0 if outcome.loop is None else (outcome.loop.send_period_ms or 0.0) / 1000.0
+    return Drive(how, recording, sentence, outcome.exit_code, outcome.samples_in_periods * period_s)
 
 
 def _has_to_be_looked_at(outcome: RunOutcome) -> bool:

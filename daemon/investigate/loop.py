@@ -17,11 +17,12 @@ import msgspec
 import numpy as np
 
 from daemon.errors import ConfigurationError
-from daemon.investigate.account import Account, Motion, Recorded, Told, not_asked_for, save
+from daemon.investigate.account import Account, Motion, Recorded, Told, not_asked_for, save, without_its_mass
 from daemon.investigate.motions import (
     FIRST_PERIODS,
     SAME_MOTION,
     SECOND_PERIODS,
+    broken_off,
     chosen_motion,
     compared_with,
     describe_motion,
@@ -57,13 +58,14 @@ class Drive:
     """How a motion ended. recording: what was recorded, None: nothing that can be used. exit_code: of the run.
 
     outcome: "unsafe" where its check found against it, so that it was not begun; "unknown" where a recording was begun
-    and nobody wrote down how it ended (recording: the folder of that run).
+    and nobody wrote down how it ended (recording: the folder of that run). recorded_s: of its periods, None: not known.
     """
 
     outcome: Literal["recorded", "stopped", "dropped", "unsafe", "unknown"]
     recording: Path | None
     sentence: str
     exit_code: int = 1
+    recorded_s: float | None = 0.0
 
 
 class Driver(Protocol):
@@ -84,12 +86,6 @@ class Driver(Protocol):
     def ended(self, folder: Path) -> Drive | None:
         """How the motion ended that a killed loop left behind in a folder; None where nobody wrote that down."""
         ...
-
-
-def smallest_budget_s(recordings: int) -> float:
-    """Seconds of motion without which nothing can be told: what must come first, and one short motion."""
-    first = (FIRST_PERIODS, SECOND_PERIODS)[recordings:]
-    return PERIOD_S * (sum(first) + PERIODS[0])
 
 
 class Investigation:
@@ -141,9 +137,13 @@ class Investigation:
         in which the robot dropped out is as if nobody had been killed.
         """
         expected = (None, Action.ADD_MASS, self.account.doing)
-        ended = self._driver.ended(self._attempt) if self.account.state is State.RECORDING else None
-        if ended is not None and not (after_drop and ended.outcome == "unknown"):
-            self._keep(state=after(self.account.state, self._came_of(ended)))
+        if self.account.state is State.RECORDING:
+            ended = self._driver.ended(self._attempt)
+            if ended is not None and not (after_drop and ended.outcome == "unknown"):
+                self._keep(state=after(self.account.state, self._came_of(ended)))
+            if self.account.pending is not None:
+                recorded_s = 0.0 if ended is None else ended.recorded_s
+                self._tell(broken_off(self.account.pending, recorded_s, self._attempt))
         state, mass = self.account.state, fastened(added_mass, self.account.added_mass)
         if state is State.DROPPED and not after_drop:
             raise ConfigurationError(
@@ -157,12 +157,14 @@ class Investigation:
         if state in (State.NEEDS_ACTION, State.SETTLED):
             self._keep(added_mass=mass)
             if acted is not None:
-                self._keep(state=after(state, Event.ACTED), doing=acted)
+                self._keep(state=after(state, Event.ACTED), doing=acted, actions=(), asks=())
             elif state is State.SETTLED and self.account.wanted:
                 self._keep(state=after(state, Event.RESUMED))
             return
         if acted not in expected:
             raise not_asked_for(acted, self.account, self._folder)
+        if self.account.doing is Action.ADD_MASS and mass is None:
+            raise without_its_mass(self._folder)
         event = Event.RELEASED if state is State.DROPPED else Event.RESUMED
         self._keep(state=after(state, event), added_mass=mass)
 

@@ -15,7 +15,7 @@ from identification.excitation import (
     validation_trajectory,
 )
 from identification.investigation.actions import Action
-from identification.investigation.choice import ENOUGH, Choice
+from identification.investigation.choice import ENOUGH, PERIODS, Choice
 from identification.investigation.experiments import PERIOD_S
 from identification.investigation.forecast import LEAST_GAIN
 from identification.investigation.study import Study
@@ -27,6 +27,12 @@ FIRST_PERIODS, SECOND_PERIODS = 8, 4
 SAME_MOTION = "same motion"
 """Kind of the motion that shows what an action of the operator changed."""
 Planned = tuple[Motion, Trajectory]
+
+
+def smallest_budget_s(recordings: int) -> float:
+    """Seconds of motion without which nothing can be told: what must come first, and one short motion."""
+    first = (FIRST_PERIODS, SECOND_PERIODS)[recordings:]
+    return PERIOD_S * (sum(first) + PERIODS[0])
 
 
 def shipped_motion(robot: str, given: int) -> Planned:
@@ -116,6 +122,19 @@ def describe_motion(motion: Motion) -> str:
     """What a motion is for and what it will tell, in two sentences."""
     what = f"Motion {motion.number}: {motion.purpose}, {counted(motion.periods, 'period')}, {motion.seconds:.0f} s."
     return what if motion.forecast is None else f"{what} {prediction_of(motion)}"
+
+
+def broken_off(motion: Motion, recorded_s: float | None, folder: Path) -> str:
+    """What is said of a motion that a killed command left. recorded_s: of its periods, None: nobody counted."""
+    much = f"nothing of its {motion.seconds:.0f} s was recorded"
+    if recorded_s is None:
+        much = f"how much of it was recorded, `iiwa-ident recover {folder}` says"
+    elif recorded_s:
+        much = f"{recorded_s:.1f} of its {motion.seconds:.0f} s were recorded and stay in {folder}"
+    return (
+        f"Motion {motion.number} ({motion.kind.replace('_', ' ')}) was broken off: {much}. It counts for nothing, "
+        "and is asked for once more from its beginning."
+    )
 
 
 def prediction_of(motion: Motion) -> str:

@@ -215,6 +215,10 @@ def _alive(found: Sequence[Hypothesis], asked: Collection[tuple[str, int | None]
     top = everything[0].log_odds
     wanted = [item for item in everything if (item.effect, item.place.joint) in asked or item.effect is None]
     near = [item for item in everything if item.log_odds >= top - WITHIN]
+    forms = [item for item in everything if item.effect is not None]
+    if forms and all(item.effect is None for item in (*near, *wanted)):
+        # A motion is chosen for the forms that come nearest, however far that is.
+        near = [item for item in forms if item.log_odds >= forms[0].log_odds - WITHIN]
     kept = sorted(dict.fromkeys([*near[:MOST_ALIVE], *wanted]), key=lambda item: -item.log_odds)
     total = sum(math.exp(item.log_odds - top) for item in kept)
     return tuple(replace(item, probability=math.exp(item.log_odds - top) / total) for item in kept)

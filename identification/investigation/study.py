@@ -8,7 +8,7 @@ motion (`choice`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,13 +107,7 @@ def study(
     Raises RecordingError for a recording without periods (its noise is not known, so that nothing can be foretold) or
     with a fault that makes every name worthless, and the errors of `diagnose`.
     """
-    for item in (*recordings, *heldout):
-        if not one_of_alike(item).repeats:
-            raise RecordingError(
-                f"{item.source.path} has no periods, or such as are alike to rounding, so that its noise is not known; "
-                "record a periodic motion, four periods or more",
-                file=item.source.path,
-            )
+    refuse_without_periods((*recordings, *heldout))
     settings = settings or DiagnosisSettings()
     on_flange = [*masses, *[None] * (len(recordings) + len(heldout) - len(masses))]
     cleared = [
@@ -132,6 +126,17 @@ def study(
     cleared = [_without(item, number, terms, speed) for number, item in enumerate(cleared)]
     found = _study_of(cleared, count, on_flange, robot, mass_now, settings, progress)
     return replace(found, day_terms=terms)
+
+
+def refuse_without_periods(recordings: Iterable[Recording]) -> None:
+    """Raise RecordingError for one whose noise is not known, so that nothing can be foretold."""
+    for item in recordings:
+        if not one_of_alike(item).repeats:
+            raise RecordingError(
+                f"{item.source.path} has no periods, or such as are alike to rounding, so that its noise is not known; "
+                "record a periodic motion, four periods or more",
+                file=item.source.path,
+            )
 
 
 def _without(recording: Recording, number: int, terms: Sequence[DayTerm], coulomb_velocity: Widths) -> Recording:

@@ -300,11 +300,15 @@ def test_a_workspace_without_an_admissible_motion_is_said(tmp_path: Path) -> Non
     assert driver.driven == 0
 
 
-def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
+def recording(
+    file: Path, seed: int = 0, robot: str | None = "iiwa14", joints: int = 7, period_s: float | None = 1.0
+) -> Path:
     time = np.arange(4000) * 1e-3
-    q = 0.2 * np.sin(2.0 * np.pi * time[:, None] + np.arange(7) + seed)
-    named = {} if robot is None else {"robot": np.array(robot)}
-    np.savez(file, t=time, q=q, tau=q, period_s=np.array(1.0), **named)
+    q = 0.2 * np.sin(2.0 * np.pi * time[:, None] + np.arange(joints) + seed)
+    more = {} if robot is None else {"robot": np.array(robot)}
+    if period_s is not None:
+        more["period_s"] = np.array(period_s)
+    np.savez(file, t=time, q=q, tau=q, **more)
     return file
 
 
@@ -323,6 +327,8 @@ def recording(file: Path, seed: int = 0, robot: str | None = "iiwa14") -> Path:
             65,
             "a recording cannot confirm what was fitted to it",
         ),
+        (("--budget", "3", "--from", "six.npz", "--robot", "iiwa14"), 65, "it has 6 joints and iiwa14 has 7"),
+        (("--budget", "3", "--from", "once.npz"), 65, "has no periods"),
         (("--budget", "3", "--from", "a.npz", "--added-mass", "two"), 2, "KG@X,Y,Z"),
         (("--budget", "3", "--plan-only", "--added-mass", "2@0,0,50"), 2, "from the flange"),
         (("--budget", "3", "--plan-only", "--added-mass", "2000@0,0,0"), 2, "kg"),
@@ -344,6 +350,8 @@ def test_bad_input_is_one_sentence_and_an_exit_code(
     recording(tmp_path / "seven.npz", 1, "iiwa7")
     recording(tmp_path / "other.npz", 1, "ur10")
     recording(tmp_path / "nameless.npz", 1, None)
+    recording(tmp_path / "six.npz", 1, None, joints=6)
+    recording(tmp_path / "once.npz", 1, period_s=4.0)
     assert run("investigate", *words, "--out", "folder") == code
     assert sentence in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "folder" / "investigation.json").exists()

@@ -104,6 +104,23 @@ def test_a_mass_that_is_off_again_is_in_no_later_motion(tmp_path: Path) -> None:
     assert [item.added_mass for item in done.recordings] == [None, None, MASS, None]
 
 
+@pytest.mark.usefixtures("_told")
+def test_a_mass_that_is_off_before_its_motion_leaves_nothing_to_drive(tmp_path: Path) -> None:
+    """40 s were driven that could tell nothing. What was asked for is not asked for once more where it was done."""
+    driver = ScriptedDriver("stopped")
+    account = begun(tmp_path, state=State.NEEDS_ACTION, actions=("Fasten a mass.",), asks=(Action.ADD_MASS,))
+    again = investigation(tmp_path, account, driver)
+    again.resume(acted=Action.ADD_MASS, added_mass=MASS)
+    stopped = again.run()
+    assert (stopped.state, stopped.actions, stopped.asks) == (State.INTERRUPTED, (), ())
+    later = investigation(tmp_path, stopped, driver)
+    with pytest.raises(ConfigurationError, match="would be driven without one"):
+        later.resume(added_mass=(0.0, 0.0, 0.0, 0.0))
+    assert read_account(tmp_path) == stopped
+    later.resume()
+    assert later.run().told[0].sentence == "It was the sensor."
+
+
 @pytest.mark.parametrize("state", [State.NEEDS_ACTION, State.SETTLED, State.OUT_OF_BUDGET])
 def test_that_the_mass_is_off_can_be_said_wherever_the_investigation_rests(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], state: State

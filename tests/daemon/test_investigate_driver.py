@@ -175,17 +175,21 @@ def test_a_motion_of_which_every_process_was_killed_is_latched_as_one_in_which_n
         robot="iiwa14", workspace=None, tool=None, added_mass=None, installation=None, settings={}, simulation=True,
         observe=lambda _: None, agree=lambda *_: True,
     )  # fmt: skip
-    never_began = investigation(tmp_path, account, driver)
+    told: list[str] = []
+    never_began = investigation(tmp_path, account, driver, tell=told.append)
     never_began.resume()
     assert never_began.account.state is State.ASKING
+    assert told.pop().startswith("Motion 1 (k) was broken off: nothing of its 40 s was recorded.")
     (tmp_path / folder).mkdir()
     (tmp_path / folder / "recording.mcap").write_bytes(b"\x89MCAP0\r\n")
-    again = investigation(tmp_path, account, driver)
+    again = investigation(tmp_path, account, driver, tell=told.append)
     with pytest.raises(ConfigurationError, match="--after-drop"):
         again.resume()
     assert again.account.state is State.RECORDING
     again.resume(after_drop=True)
     assert again.account.state is State.ASKING
+    rung = "amplitude" in folder
+    assert ("nothing of its 40 s" if rung else f"`iiwa-ident recover {tmp_path / folder}` says") in told[0]
 
 
 def test_on_a_real_arm_nobody_is_asked_about_a_motion_of_which_a_rung_is_unsafe(

@@ -45,8 +45,10 @@ def stands(folder: Path, state: State) -> bool:
     return account is not None and account.state is state
 
 
-def killed_while_asking(folder: Path, words: list[str]) -> None:
-    """The command on a terminal of its own, killed at its question."""
+def killed_while_asking(folder: Path, words: list[str]) -> str:
+    """The command on a terminal of its own, killed at its question; what it showed, without blanks, as lines
+    break anywhere.
+    """
     ours, theirs = pty.openpty()
     process = subprocess.Popen([*COMMAND, *words], stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True)
     os.close(theirs)
@@ -57,6 +59,7 @@ def killed_while_asking(folder: Path, words: list[str]) -> None:
     process.kill()
     process.wait(WATCHDOG_S)
     os.close(ours)
+    return "".join(shown.decode().split())
 
 
 def test_a_kill_leaves_the_arm_at_rest_and_the_same_command_asks_again(tmp_path: Path) -> None:
@@ -65,18 +68,23 @@ def test_a_kill_leaves_the_arm_at_rest_and_the_same_command_asks_again(tmp_path:
     with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--duration", "600"):
         process = start_iiwa_ident(*words, "--budget", "4", "--yes")
         log = out / "motion-01" / "recording.mcap"
-        wait_for(lambda: log.is_file() and log.stat().st_size > 2_000_000, process)
+        wait_for(lambda: log.is_file() and log.stat().st_size > 4_000_000, process)
         children = psutil.Process(process.pid).children(recursive=True)
         process.kill()
         process.wait(WATCHDOG_S)
         psutil.wait_procs(children, WATCHDOG_S)
-    # Six thousand messages: the arm is on its way to the motion, or in it.
+    # Twelve thousand messages: the arm is in the motion.
     report = json.loads((out / "motion-01" / "loop_report.json").read_text())
     assert report["reason"] == "SUPERVISOR_LOST"
     assert report["standstill_confirmed"]
     assert stands(out, State.RECORDING)
 
-    killed_while_asking(out, words)
+    shown = killed_while_asking(out, words)
+    run = json.loads((out / "motion-01" / "run.json").read_text())
+    seconds = 0.001 * run["samples_in_periods"]
+    assert seconds > 0.0
+    kept = f"{seconds:.1f} of its 80 s were recorded and stay in {out / 'motion-01'}"
+    assert f"Motion 1 (excitation) was broken off: {kept}.".replace(" ", "") in shown
     left = account_of(out)
     assert left.state is State.ASKING
     assert left.attempts == 1  # nothing was begun beyond the first motion

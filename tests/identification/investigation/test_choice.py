@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from identification.excitation import iiwa_limits
+from identification.investigation.assessment import _alive
 from identification.investigation.choice import ALIKE, HANDED_ON, Chooser, lengths
 from identification.investigation.columns import Form, Sums
 from identification.investigation.experiments import PERIOD_S, Experiment, Room
@@ -96,6 +97,18 @@ def test_a_name_is_earned_by_more_over_a_name_than_over_a_class() -> None:
             alive = (hypothesis("cable_spring", margin + above, 0.9), rival)
             assert forecast(alive, sure, sure).named_now == pytest.approx(told if rival.effect is None else
                                                                          0.9 * told, abs=0.11)  # fmt: skip
+
+
+def test_forms_that_an_error_outweighs_stay_alive_for_the_choice_of_a_motion_and_no_others() -> None:
+    """Without any the first motion drawn was driven. Truth: the odds that are given."""
+    nothing = replace(NOTHING, beside=(np.array([0.2]),))
+    far = [hypothesis("cable_spring", -1500.0, 0.0), hypothesis("torque_offset", -1505.0, 0.0)]
+    alive = _alive([far[1], nothing, far[0], hypothesis("joint_elasticity", -1520.0, 0.0)], ())
+    assert [item.effect for item in alive] == [None, "cable_spring", "torque_offset"]
+    assert [item.probability for item in alive] == [1.0, 0.0, 0.0]
+    near = hypothesis("joint_elasticity", -3.0, 0.0)
+    assert [item.effect for item in _alive([*far, nothing, near], ())] == [None, "joint_elasticity"]
+    assert [item.effect for item in _alive([*far, nothing], {("torque_offset", 1)})] == [None, "torque_offset"]
 
 
 def test_beside_an_error_that_outweighs_every_form_the_motion_that_tells_most_of_a_form_is_worth_more() -> None:
