@@ -12,9 +12,23 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from fri_client.messages import CommandMessage, IoValue, MonitoringMessage, QuaternionTransformation, Transformation
+from fri_client.messages import (
+    Checksum,
+    CommandData,
+    CommandMessage,
+    ConnectionInfo,
+    EndOfMessageData,
+    IoValue,
+    IpoData,
+    MonitorData,
+    MonitoringMessage,
+    QuaternionTransformation,
+    RedundancyInformation,
+    RobotInfo,
+    Transformation,
+)
 
 JOINT_NAMES = tuple(f"iiwa_joint_{joint}" for joint in range(1, 8))
 
@@ -22,6 +36,9 @@ _ENCAPSULATION = b"\x00\x01\x00\x00"
 _NAN = float("nan")
 _NAN_6, _NAN_7, _NAN_12 = (_NAN,) * 6, (_NAN,) * 7, (_NAN,) * 12
 _NO_DRIVES = (-1,) * 7
+_NO_ROBOT, _NO_MONITOR, _NO_CONNECTION, _NO_IPO = RobotInfo(), MonitorData(), ConnectionInfo(-1, -1), IpoData()
+_NO_COMMAND, _NO_END, _NO_CHECKSUM = CommandData(), EndOfMessageData(), Checksum()
+_NO_POSE, _NO_REDUNDANCY = QuaternionTransformation(""), RedundancyInformation(-1, _NAN)
 
 # 65 reals, 2 host times, sample index, 7 counters, 22 integers, 21 flags, padding to 4.
 _STATE = struct.Struct("<4s65d2qQ7I22i21?3x")
@@ -82,161 +99,74 @@ class DiagnosticStatus(NamedTuple):
 
 def pack_fri_state(message: MonitoringMessage, labels: SampleLabels) -> bytes:
     """CDR of iiwa_ident_msgs/msg/FriState: the message as decoded, vendor's sign and units (PROTOCOL §3, §11)."""
-    header = message.header
-    robot, monitor, connection, ipo = (
-        message.robot_info,
-        message.monitor_data,
-        message.connection_info,
-        message.ipo_data,
-    )
-    position = torque = commanded_position = commanded_torque = external_torque = force = None
-    pose = redundancy = stamp = None
-    ios: Sequence[IoValue] = ()
-    if monitor is not None:
-        position, torque = monitor.measured_joint_position, monitor.measured_torque
-        commanded_position, commanded_torque = monitor.commanded_joint_position, monitor.commanded_torque
-        external_torque, force = monitor.external_torque, monitor.external_force
-        ios, pose = monitor.read_io_request, monitor.measured_cartesian_pose
-        redundancy, stamp = monitor.measured_redundancy_information, monitor.timestamp
-    ipo_position = ipo_pose = ipo_redundancy = tracking = None
-    command_mode = overlay = None
-    if ipo is not None:
-        ipo_position, ipo_pose, ipo_redundancy = ipo.joint_position, ipo.cartesian_pose, ipo.redundancy_information
-        tracking, command_mode, overlay = ipo.tracking_performance, ipo.client_command_mode, ipo.overlay_type
-    joints = safety = operation = control = None
-    drives: tuple[int, ...] = _NO_DRIVES
-    if robot is not None:
-        joints, safety, operation, control = (
-            robot.number_of_joints,
-            robot.safety_state,
-            robot.operation_mode,
-            robot.control_mode,
-        )
-        drives = robot.drive_state if len(robot.drive_state) == 7 else (*robot.drive_state, *_NO_DRIVES)[:7]
-    state = quality = -1
-    send_period = multiplier = None
-    if connection is not None:
-        state, quality = connection.session_state, connection.quality
-        send_period, multiplier = connection.send_period, connection.receive_multiplier
-    end_length = end_crc = None
-    if message.end_of_message_data is not None:
-        end_length = message.end_of_message_data.message_length
-        checksum = message.end_of_message_data.message_checksum
-        end_crc = None if checksum is None else checksum.crc32
+    header, robot, end = message.header, message.robot_info or _NO_ROBOT, message.end_of_message_data or _NO_END
+    monitor, ipo = message.monitor_data or _NO_MONITOR, message.ipo_data or _NO_IPO
+    connection, stamp = message.connection_info or _NO_CONNECTION, monitor.timestamp
+    pose, ipo_pose, tracking = monitor.measured_cartesian_pose, ipo.cartesian_pose, ipo.tracking_performance
+    redundancy = monitor.measured_redundancy_information or _NO_REDUNDANCY
+    ipo_redundancy = ipo.redundancy_information or _NO_REDUNDANCY
+    joints = (
+        monitor.measured_joint_position, monitor.measured_torque, monitor.commanded_joint_position,
+        monitor.commanded_torque, monitor.external_torque, ipo.joint_position,
+    )  # fmt: skip
+    ends = end.message_length, (end.message_checksum or _NO_CHECKSUM).crc32
+    flagged = (
+        *joints, monitor.external_force, pose, ipo_pose, monitor.measured_redundancy_information,
+        ipo.redundancy_information, tracking, stamp, connection.send_period, connection.receive_multiplier, *ends,
+    )  # fmt: skip
     fixed = _STATE.pack(
-        _ENCAPSULATION,
-        *(position or _NAN_7),
-        *(torque or _NAN_7),
-        *(commanded_position or _NAN_7),
-        *(commanded_torque or _NAN_7),
-        *(external_torque or _NAN_7),
-        *(ipo_position or _NAN_7),
-        *(_NAN_6 if force is None else (*force, *_NAN_6)[:6]),
-        *(_NAN_7 if pose is None else (*pose.element, *_NAN_7)[:7]),
-        *(_NAN_7 if ipo_pose is None else (*ipo_pose.element, *_NAN_7)[:7]),
-        _NAN if redundancy is None else redundancy.value,
-        _NAN if ipo_redundancy is None else ipo_redundancy.value,
+        _ENCAPSULATION, *(joints[0] or _NAN_7), *(joints[1] or _NAN_7), *(joints[2] or _NAN_7),
+        *(joints[3] or _NAN_7), *(joints[4] or _NAN_7), *(joints[5] or _NAN_7),
+        *_padded(monitor.external_force, _NAN_6), *_padded((pose or _NO_POSE).element, _NAN_7),
+        *_padded((ipo_pose or _NO_POSE).element, _NAN_7), redundancy.value, ipo_redundancy.value,
         _NAN if tracking is None else tracking,
-        labels.receive_time_ns,
-        labels.send_time_ns,
-        labels.sample_index,
-        header.message_identifier,
-        header.sequence_counter,
-        header.reflected_sequence_counter,
-        0 if stamp is None else stamp.sec,
-        0 if stamp is None else stamp.nanosec,
-        send_period or 0,
-        multiplier or 0,
-        -1 if joints is None else joints,
-        state,
-        quality,
-        -1 if safety is None else safety,
-        -1 if operation is None else operation,
-        -1 if control is None else control,
-        -1 if command_mode is None else command_mode,
-        -1 if overlay is None else overlay,
-        -1 if redundancy is None else redundancy.strategy,
-        -1 if ipo_redundancy is None else ipo_redundancy.strategy,
-        *drives,
-        -1 if end_length is None else end_length,
-        -1 if end_crc is None else end_crc,
-        labels.motion_phase,
-        labels.period,
-        labels.sample_in_period,
-        position is not None,
-        torque is not None,
-        commanded_position is not None,
-        commanded_torque is not None,
-        external_torque is not None,
-        ipo_position is not None,
-        force is not None,
-        pose is not None,
-        ipo_pose is not None,
-        redundancy is not None,
-        ipo_redundancy is not None,
-        tracking is not None,
-        stamp is not None,
-        send_period is not None,
-        multiplier is not None,
-        end_length is not None,
-        end_crc is not None,
-        labels.answered,
-        labels.duplicate,
-        labels.out_of_order,
-        labels.non_finite,
-    )
-    if not ios and not message.requested_transformations and pose is None and ipo_pose is None:
+        *labels[:3], header.message_identifier, header.sequence_counter, header.reflected_sequence_counter,
+        *((0, 0) if stamp is None else (stamp.sec, stamp.nanosec)),
+        connection.send_period or 0, connection.receive_multiplier or 0,
+        *_integers(
+            robot.number_of_joints, connection.session_state, connection.quality, robot.safety_state,
+            robot.operation_mode, robot.control_mode, ipo.client_command_mode, ipo.overlay_type,
+        ),
+        redundancy.strategy, ipo_redundancy.strategy, *_padded(robot.drive_state, _NO_DRIVES), *_integers(*ends),
+        *labels[3:6], *[item is not None for item in flagged], *labels[6:],
+    )  # fmt: skip
+    if not monitor.read_io_request and not message.requested_transformations and pose is None and ipo_pose is None:
         return fixed + _EMPTY_STATE_TAIL
     tail = bytearray(fixed)
-    _append_io_values(tail, ios)
+    _append_io_values(tail, monitor.read_io_request)
     _append_transformations(tail, message.requested_transformations)
-    _append_transformations(tail, tuple(each for each in (pose, ipo_pose) if each is not None))
+    _append_transformations(tail, [each for each in (pose, ipo_pose) if each is not None])
     return bytes(tail)
 
 
 def pack_fri_command(message: CommandMessage, labels: SampleLabels) -> bytes:
     """CDR of iiwa_ident_msgs/msg/FriCommand: the command as it was sent, vendor's sign and units."""
-    header, command = message.header, message.command_data
-    position = torque = wrench = pose = redundancy = None
-    ios: Sequence[IoValue] = ()
-    transformations: Sequence[Transformation | QuaternionTransformation] = ()
-    if command is not None:
-        position, torque = command.joint_position, command.joint_torque
-        wrench, pose, redundancy = (
-            command.cartesian_wrench_feed_forward,
-            command.cartesian_pose,
-            command.redundancy_information,
-        )
-        ios, transformations = command.write_io_request, command.commanded_transformations
+    header, command = message.header, message.command_data or _NO_COMMAND
+    joints, wrench = (command.joint_position, command.joint_torque), command.cartesian_wrench_feed_forward
+    pose, redundancy = command.cartesian_pose, command.redundancy_information or _NO_REDUNDANCY
+    flagged = *joints, wrench, pose, command.redundancy_information
     fixed = _COMMAND.pack(
-        _ENCAPSULATION,
-        *(position or _NAN_7),
-        *(torque or _NAN_7),
-        *(_NAN_6 if wrench is None else (*wrench, *_NAN_6)[:6]),
-        *(_NAN_7 if pose is None else (*pose.element, *_NAN_7)[:7]),
-        _NAN if redundancy is None else redundancy.value,
-        labels.receive_time_ns,
-        labels.send_time_ns,
-        labels.sample_index,
-        header.message_identifier,
-        header.sequence_counter,
-        header.reflected_sequence_counter,
-        -1 if redundancy is None else redundancy.strategy,
-        labels.motion_phase,
-        labels.period,
-        labels.sample_in_period,
-        position is not None,
-        torque is not None,
-        wrench is not None,
-        pose is not None,
-        redundancy is not None,
-    )
-    if not ios and not transformations:
+        _ENCAPSULATION, *(joints[0] or _NAN_7), *(joints[1] or _NAN_7), *_padded(wrench, _NAN_6),
+        *_padded((pose or _NO_POSE).element, _NAN_7), redundancy.value,
+        *labels[:3], header.message_identifier, header.sequence_counter, header.reflected_sequence_counter,
+        redundancy.strategy, *labels[3:6], *[item is not None for item in flagged],
+    )  # fmt: skip
+    if not command.write_io_request and not command.commanded_transformations:
         return fixed + _EMPTY_COMMAND_TAIL
     tail = bytearray(fixed)
-    _append_io_values(tail, ios)
-    _append_transformations(tail, transformations)
+    _append_io_values(tail, command.write_io_request)
+    _append_transformations(tail, command.commanded_transformations)
     return bytes(tail)
+
+
+def _padded(values: tuple[Any, ...] | None, filler: tuple[Any, ...]) -> tuple[Any, ...]:
+    """As many as the filler has, which stands where there are none."""
+    return (*(values or ()), *filler)[: len(filler)]
+
+
+def _integers(*values: int | None) -> list[int]:
+    """-1 where there is none."""
+    return [-1 if value is None else value for value in values]
 
 
 def _joint_state_names() -> bytes:
