@@ -109,47 +109,24 @@ class CommandGuard:
         self._n = n
         self._period = command_period_s
         self._rate = 1.0 / command_period_s
-        self._velocity_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE)).tolist()
-        self._acceleration_limit = (limits.acceleration * (1.0 + ACCELERATION_TOLERANCE)).tolist()
-        self._jerk = limits.jerk.tolist()
+        velocity = limits.velocity * (1.0 + VELOCITY_TOLERANCE)
+        acceleration = limits.acceleration * (1.0 + ACCELERATION_TOLERANCE)
         # Where the jerk changes between two ticks, the extrapolated velocity is off by up to jerk T².
-        self._peak_limit = (limits.velocity * (1.0 + VELOCITY_TOLERANCE) + limits.jerk * command_period_s**2).tolist()
+        peak = velocity + limits.jerk * command_period_s**2
+        room = list(map(_longest_travel, peak.tolist(), acceleration.tolist(), limits.jerk.tolist()))
+        lower, upper = limits.position_lower, limits.position_upper
+        columns = (
+            lower - POSITION_TOLERANCE_RAD, upper + POSITION_TOLERANCE_RAD, np.broadcast_to(distance, (n,)), velocity,
+            acceleration, peak, limits.jerk, lower + room, upper - room,
+        )  # fmt: skip
         # One row per joint: everything the inner loop needs, in the order it is unpacked.
-        distances = np.broadcast_to(distance, (n,)).tolist()
-        room = [
-            _longest_travel(v, a, j)
-            for v, a, j in zip(self._peak_limit, self._acceleration_limit, self._jerk, strict=True)
-        ]
-        self._rows = tuple(
-            (
-                lower - POSITION_TOLERANCE_RAD,
-                upper + POSITION_TOLERANCE_RAD,
-                gap,
-                v,
-                a,
-                peak,
-                j,
-                lower + far,
-                upper - far,
-            )
-            for lower, upper, gap, v, a, peak, j, far in zip(
-                limits.position_lower.tolist(),
-                limits.position_upper.tolist(),
-                distances,
-                self._velocity_limit,
-                self._acceleration_limit,
-                self._peak_limit,
-                self._jerk,
-                room,
-                strict=True,
-            )
-        )
+        self._rows = tuple(map(tuple, np.stack(columns, axis=1).tolist()))
         self.generation = 0
         self._anchored = False
         self._position: Sequence[float] = [0.0] * n
         self._velocity = [0.0] * n  # (q_k - q_{k-1}) / T, the velocity half a period before the tick
         self._acceleration = [0.0] * n  # (q_k - 2 q_{k-1} + q_{k-2}) / T²
-        self.distances = tuple(distances)
+        self.distances = tuple(row[2] for row in self._rows)
         """Largest distance of a command to the measured position, rad, per joint."""
 
     @property
