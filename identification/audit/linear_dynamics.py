@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from identification.arrays import FloatArray
+from identification.arrays import ComplexArray, FloatArray
 from identification.audit.held_out import Asked, Score
 from identification.audit.rows import BLOCK_S, WIDEST_HZ, Rows
 
@@ -22,8 +21,6 @@ DELAYS_S = np.array([0.03, 0.2])
 FIRST_ORDER, OTHER_ORDERS = 2, (1, 4)
 LONGEST_STEP, SMALLEST_STEP, STEPS = 0.3, 1e-3, 8
 """Of a value's logarithm, or a zero in rad or m: further than a tangent reaches, nearer than asked, most steps."""
-
-ComplexArray = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,10 +71,7 @@ class Reading:
         changed: dict[str, Any] = {}
         for names, columns in ((MOTION, self.motion), (TORQUE, self.torque)):
             order, signs = np.abs(columns) - 1, np.sign(columns)
-            for name in names:
-                values = getattr(recording, name)
-                if values is not None:
-                    changed[name] = signs * values[:, order]
+            changed |= {name: signs * values[:, order] for name, values in recording.arrays(names).items()}
         return replace(recording, **changed)
 
 
@@ -90,12 +87,8 @@ def in_degrees(recording: Recording, revolute: BoolArray) -> Recording | None:
     span = np.abs(recording.position[:, revolute]).max(initial=0.0)
     if span < WIDEST_RAD:
         return None
-    changed = {}
-    for name in MOTION:
-        values = getattr(recording, name)
-        if values is not None:
-            changed[name] = np.where(revolute, np.radians(values), values)
-    return replace(recording, **changed)
+    taken: dict[str, Any] = recording.arrays(MOTION)
+    return replace(recording, **{name: np.where(revolute, np.radians(each), each) for name, each in taken.items()})
 
 
 def with_clock(recording: Recording, ratio: float) -> Recording:

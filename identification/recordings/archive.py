@@ -9,13 +9,12 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from identification.errors import RecordingError, RobotError
 from identification.recordings.npz_reader import BROKEN_ARCHIVE, load_arrays, resolve_robot
-from identification.recordings.recording import OPTIONAL_ARRAYS, ImportReport, Recording, RecordingSource
+from identification.recordings.recording import OF_ROWS, ImportReport, Recording, RecordingSource
 from identification.recordings.unpacking import Allowance
 from identification.robots.installation import Installation
 
@@ -28,11 +27,6 @@ def pack(recording: Recording, *, robot: str | None = None) -> bytes:
 
     robot: what to note as the robot, a path relative to the log where it is a file.
     """
-    arrays: dict[str, Any] = {"time": recording.time, "position": recording.position, "torque": recording.torque}
-    for name in (*OPTIONAL_ARRAYS, "period_index", "sample_in_period"):
-        values = getattr(recording, name)
-        if values is not None:
-            arrays[name] = values
     description = {
         "format": FORMAT,
         "sampling_period_s": recording.sampling_period_s,
@@ -51,7 +45,7 @@ def pack(recording: Recording, *, robot: str | None = None) -> bytes:
         "report": recording.report.to_json(),
     }
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, description=np.array(json.dumps(description)), **arrays)
+    np.savez_compressed(buffer, description=np.array(json.dumps(description)), **recording.arrays(OF_ROWS))
     return buffer.getvalue()
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
+from identification.recordings.rounded import row_codes
 
 _TOGETHER = 0.7
 """Share of the moving channels that change in a row with news; of coarse sensors that repeat values, few do at once."""
@@ -36,8 +37,8 @@ def rows_used_again(position: FloatArray, torque: FloatArray) -> BoolArray:
 
     Noise comes about once, so no measurement repeats a stretch. position, torque: (R, n).
     """
-    bits = np.ascontiguousarray(np.concatenate([position, torque], axis=1) + 0.0).view(np.uint64)  # + 0.0: no -0.0
-    code = (bits * (np.random.PCG64(0).random_raw(bits.shape[1]) | np.uint64(1))).sum(axis=1)
+    bits = np.ascontiguousarray(np.concatenate([position, torque], axis=1) + 0.0).view(np.int64)  # + 0.0: no -0.0
+    code = row_codes(bits)
     order = np.argsort(code, kind="stable")
     equal = code[order][1:] == code[order][:-1]
     behind = np.zeros(code.size, dtype=np.int64)

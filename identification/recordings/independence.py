@@ -13,7 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
-from identification.recordings.rounded import Rows, moving_rows, rows_that_agree
+from identification.recordings.rounded import Rows, moving_rows, row_codes, rows_that_agree
 from identification.recordings.same_noise import correlation_of_noise
 from identification.remembered import once_per_object
 
@@ -205,11 +205,7 @@ def _fingerprints(recording: Recording) -> Prints:
     behind = -(-NUMBERS // whole.shape[1])
     whole = np.concatenate([np.roll(whole, shift, axis=0) for shift in range(behind)], axis=1)
     moving[: behind - 1] = False
-    # Odd multipliers: sums wrap around at 2⁶⁴, and no number of a row is lost. Models keep the sums: raw bits of a
-    # generator are the same in every version of NumPy, what it draws from them need not be.
-    multipliers = (np.random.PCG64(0).random_raw(whole.shape[1]) | np.uint64(1)).view(np.int64)
-    with np.errstate(over="ignore"):
-        return np.asarray((whole[1:][moving] * multipliers).sum(axis=1), dtype=np.int64)
+    return row_codes(whole[1:][moving])
 
 
 def _rounded(rows: FloatArray) -> Prints:

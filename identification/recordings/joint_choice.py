@@ -16,7 +16,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import RecordingError
-from identification.recordings.recording import OPTIONAL_ARRAYS, Finding, Recording
+from identification.recordings.recording import OF_JOINTS, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
@@ -280,10 +280,7 @@ def for_robot(recording: Recording, robot: RobotModel, wanted: Sequence[str] | N
         return recording
     chosen = _chosen_of(recording, robot, wanted)
     changed: dict[str, Any] = {}
-    for name in ("position", "torque", *OPTIONAL_ARRAYS):
-        values = getattr(chosen, name)
-        if values is None:
-            continue
+    for name, values in chosen.arrays(OF_JOINTS).items():
         whole = np.zeros((chosen.samples, robot.n))
         whole[:, list(robot.driven)] = values
         for follower, leader, multiplier, offset in robot.followers:
@@ -298,11 +295,7 @@ def _chosen_of(recording: Recording, robot: RobotModel, wanted: Sequence[str] | 
     columns = list(choice.columns)
     if not choice.sentence and columns == list(range(recording.n)):
         return recording
-    changed: dict[str, Any] = {name: getattr(recording, name)[:, columns] for name in ("position", "torque")}
-    for name in OPTIONAL_ARRAYS:
-        values = getattr(recording, name)
-        if values is not None:
-            changed[name] = values[:, columns]
+    changed: dict[str, Any] = {name: values[:, columns] for name, values in recording.arrays(OF_JOINTS).items()}
     rows_read = recording.report.rows_read
     notes = _left_out(recording.source.path, choice, recording.joint_names, recording.position, robot, rows_read)
     return replace(recording, joint_names=choice.names, report=recording.report.first(notes), **changed)

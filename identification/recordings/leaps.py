@@ -55,11 +55,8 @@ def with_whole_turns(recording: Recording, robot: RobotModel) -> Recording:
     # An empty range, or none that is a number, is no limit.
     limited = (lower < upper) & (upper - lower < LEAST_RANGE)
     endless = np.flatnonzero(robot.kinematics.revolute[joints] & ~limited)
-    arrays: dict[str, Any] = {
-        name: np.array(values)
-        for name in ("position", "command_position", "link_position")
-        if (values := getattr(recording, name)) is not None
-    }
+    angles = recording.arrays(("position", "command_position", "link_position"))
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in angles.items()}
     findings = list(recording.report.findings)
     for column in endless:
         position = arrays["position"][:, column]

@@ -15,7 +15,11 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.printing import Printed, Table
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
-OPTIONAL_ARRAYS = ("velocity", "command_position", "link_position", "external_torque", "temperature")
+OF_JOINTS = (
+    "position", "torque", "velocity", "command_position", "link_position", "external_torque", "temperature",
+)  # fmt: skip
+"""A recording's arrays with a column for each joint."""
+OF_ROWS = ("time", *OF_JOINTS, "period_index", "sample_in_period")
 
 CLOCK_START = "clock_start_s"
 """In a source's metadata: its own time stamp of the first row, where `Recording.time` counts from zero."""
@@ -91,15 +95,9 @@ class ImportReport:
             int(data["rows_read"]),
             int(data["rows_kept"]),
             tuple(
-                Finding(
-                    str(item["kind"]),
-                    int(item["rows"][0]),
-                    int(item["rows"][1]),
-                    int(item["rows"][2]),
-                    str(item["sentence"]),
-                    None if item.get("joint") is None else int(item["joint"]),
-                )
+                Finding(str(item["kind"]), first, last, count, str(item["sentence"]), item.get("joint"))
                 for item in data["findings"]
+                for first, last, count in [item["rows"]]
             ),
         )
 
@@ -207,13 +205,8 @@ class Recording(Printed):
 
     def rows(self, keep: BoolArray) -> Recording:
         """The same recording with only the rows where keep (N,) is true; the report is unchanged."""
-        changed: dict[str, Any] = {
-            "time": self.time[keep],
-            "position": self.position[keep],
-            "torque": self.torque[keep],
-        }
-        for name in (*OPTIONAL_ARRAYS, "period_index", "sample_in_period"):
-            values = getattr(self, name)
-            if values is not None:
-                changed[name] = values[keep]
-        return replace(self, **changed)
+        return replace(self, **{name: values[keep] for name, values in self.arrays(OF_ROWS).items()})
+
+    def arrays(self, names: Iterable[str]) -> dict[str, Any]:
+        """Those of some arrays that it has, by name."""
+        return {name: values for name in names if (values := getattr(self, name)) is not None}

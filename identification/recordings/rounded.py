@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray
+from identification.arrays import BoolArray, FloatArray, IntArray, runs_of
 from identification.recordings.recording import Recording
 from identification.remembered import once_per_object
 
@@ -119,11 +119,12 @@ def rows_that_agree(rows: Rows, recording: Recording) -> int:
         return np.asarray((np.abs(beside - values) <= near_enough).all(axis=1))
 
     here = agree(0)
-    first, length = _longest_run(here)
+    first, last = max(runs_of(here).tolist(), key=lambda ends: ends[1] - ends[0], default=(0, 0))
+    length = last - first
     if length < FEWEST_ROWS:
         return 0
     run = np.zeros_like(here)
-    run[first : first + length] = True
+    run[first:last] = True
     followed = (here & ~run)[:-1]  # rows that agree by chance are alone, or the data change little from row to row
     chance = [_share(agree(apart)[run]) for apart in (-1, 1)]
     chance += [] if run.all() else [_share((here & ~run)[1:][followed])]
@@ -134,14 +135,6 @@ def rows_that_agree(rows: Rows, recording: Recording) -> int:
 def _share(true: BoolArray) -> float:
     """Of true values, with the one half that is thought of where there are none."""
     return float((true.sum() + 1) / (true.size + 2))
-
-
-def _longest_run(true: BoolArray) -> tuple[int, int]:
-    """First place and length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]])))
-    lengths = edges[1::2] - edges[::2]
-    longest = int(np.argmax(lengths)) if lengths.size else 0
-    return (int(edges[2 * longest]), int(lengths[longest])) if lengths.size else (0, 0)
 
 
 def _shift_of_clock(thin: Rows, dense: Rows, step: FloatArray) -> float | None:
@@ -164,9 +157,17 @@ def _shift_of_clock(thin: Rows, dense: Rows, step: FloatArray) -> float | None:
     return float(np.median(shifts[best : best + int(behind[best])]))
 
 
-def _cells(values: FloatArray, width: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _cells(values: FloatArray, width: FloatArray) -> IntArray:
     """One number for each row of values (N, m); rows in the same cells have the same."""
-    cells = np.rint(values / width).astype(np.int64)
-    multipliers = (np.random.PCG64(0).random_raw(cells.shape[1]) | np.uint64(1)).view(np.int64)
+    return row_codes(np.rint(values / width).astype(np.int64))
+
+
+def row_codes(numbers: IntArray) -> IntArray:
+    """One number for each row of integers (N, m); equal rows have equal ones.
+
+    Odd multipliers: sums wrap around at 2⁶⁴, and no number of a row is lost. Models keep such sums: raw bits of a
+    generator are the same in every version of NumPy, what it draws from them need not be.
+    """
+    multipliers = (np.random.PCG64(0).random_raw(numbers.shape[1]) | np.uint64(1)).view(np.int64)
     with np.errstate(over="ignore"):
-        return np.asarray((cells * multipliers).sum(axis=1), dtype=np.int64)
+        return np.asarray((numbers * multipliers).sum(axis=1), dtype=np.int64)
