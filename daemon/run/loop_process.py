@@ -20,7 +20,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from functools import partial
 from typing import Any
 
@@ -59,6 +59,11 @@ STANDING = np.zeros((16, 7))
 _OF_THE_RESULT = tuple(each.name for each in fields(LoopResult) if each.name not in ("last_samples", "phases"))
 _OF_THE_SESSION = ("received", "answered", "missing", "duplicates", "stale", "refused")
 """What a report takes as it is."""
+_OF_THE_REQUEST = (
+    "receive_timeout_s", "start_timeout_s", "command_timeout_s", "supervisor_timeout_s", "robot_host", "monitor_only",
+    "test_mode_only", "too_fast_for_t1",
+)  # fmt: skip
+"""What the loop's settings take as it is."""
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -188,17 +193,10 @@ def _make_loop(request: RunRequest, channel: UdpChannel, ring: HandoverRing) -> 
     version, limits = FriVersion.parse(request.fri_version), limits_for(request.robot)
     table = STANDING if request.monitor_only else load_table(request.table_file)
     settings = LoopSettings(
-        receive_timeout_s=request.receive_timeout_s,
-        start_timeout_s=request.start_timeout_s,
-        command_timeout_s=request.command_timeout_s,
-        supervisor_timeout_s=request.supervisor_timeout_s,
-        robot_host=request.robot_host,
+        **{name: getattr(request, name) for name in _OF_THE_REQUEST},
         expected_period_s=request.table_period_s,
         maximum_ipo_distance_rad=request.maximum_distance_to_measured,
         fake_robot_only=request.simulation,
-        monitor_only=request.monitor_only,
-        test_mode_only=request.test_mode_only,
-        too_fast_for_t1=request.too_fast_for_t1,
     )
     return FriLoop(channel, version, partial(motion_of, request, table, limits), ring, settings)
 
@@ -218,15 +216,7 @@ def _report(loop: FriLoop, result: LoopResult, obtained: RealtimeReport, ring: H
         send_period_ms=loop.session.send_period_ms,
         turn_around=_histogram(link["turn_around"]),
         jitter=_histogram(link["jitter"]),
-        phases=tuple(
-            PhaseSpan(
-                phase=MotionPhase(span.phase).name,
-                period=span.period,
-                first_tick=span.first_tick,
-                last_tick=span.last_tick,
-            )
-            for span in result.phases
-        ),
+        phases=tuple(PhaseSpan(**(asdict(span) | {"phase": MotionPhase(span.phase).name})) for span in result.phases),
         periods_completed=loop.motion.periods_completed,
         realtime=obtained.to_json(),
         link=link,

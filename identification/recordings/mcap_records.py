@@ -5,7 +5,6 @@ The messages of a chunk are found at once. Which topics are kept is decided else
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import struct
 import zlib
@@ -34,8 +33,8 @@ _HEAD = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seque
 """What stands before the bytes of a message in a chunk."""
 _LOOKED_AT = 24
 """Records of a chunk that are walked one by one before a repetition is looked for."""
-_TIMES_BYTES = 16
-"""Of an attachment, before its name."""
+_NAME_AT = 20
+"""Of an attachment, behind its two times and the length of its name."""
 _LONGEST_NAME = 200
 """Of a damaged attachment; its stated length may be damaged too."""
 _AHEAD = 8
@@ -107,17 +106,23 @@ class DamagedAttachment(McapRecord):
 
 
 def attachment_of(content: bytes) -> Attachment | DamagedAttachment:
-    """The attachment of a record's bytes, which the library would give as they are. A checksum of 0 states none."""
-    stated = int.from_bytes(content[-4:], "little")
-    stream = ReadDataStream(BytesIO(content))
-    if not stated or zlib.crc32(content[:-4]) == stated:
-        attachment: Attachment = Attachment.read(stream)
+    """The attachment of a record's bytes, which the library would give as they are."""
+    if has_its_checksum(content):
+        attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
         return attachment
-    name = b""
-    with contextlib.suppress(EndOfFile):
-        stream.read(_TIMES_BYTES)
-        name = stream.read(min(stream.read4(), _LONGEST_NAME))
-    return DamagedAttachment(name.decode(errors="replace"))
+    return DamagedAttachment(name_of(content))
+
+
+def has_its_checksum(content: bytes) -> bool:
+    """Whether an attachment's checksum, its last four bytes, fits the rest; 0 states none."""
+    stated = int.from_bytes(content[-4:], "little")
+    return not stated or zlib.crc32(content[:-4]) == stated
+
+
+def name_of(content: bytes) -> str:
+    """The name of a damaged attachment as far as it can be read."""
+    length = int.from_bytes(content[_NAME_AT - 4 : _NAME_AT], "little")
+    return content[_NAME_AT : _NAME_AT + min(length, _LONGEST_NAME)].decode(errors="replace")
 
 
 def _in_chunk(data: bytes, topics: Mapping[int, MessageSink | None]) -> Iterator[McapRecord]:
