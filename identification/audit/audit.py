@@ -35,6 +35,7 @@ from identification.audit.turned import turned_against
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError
 from identification.mismatch.data_faults.torque_signs import signs_of
+from identification.mismatch.settings import MOST
 from identification.model_file import Model
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel, refuse_followers
@@ -46,8 +47,6 @@ STILL_ITS_OWN = 4.0
 """A model that leaves less than so many times what it left of its own recordings holds."""
 MUCH_MORE = 4.0
 """Times the squares that stay beside a load with all its numbers, above which mass and centre alone do not tell it."""
-TOO_WIDE = 0.5
-"""Of the torque's size, measured or expected: a model whose own uncertainty is larger foretells nothing."""
 
 
 TOO_LITTLE = (
@@ -246,7 +245,7 @@ def _too_wide(given: _Given) -> bool:
         expected = columns @ given.model.values
         # A torque that is far smaller than what is expected does not make the model uncertain.
         size = max(float(np.where(used, each**2, 0.0).sum()) for each in (torque, expected))
-        if float(np.where(used, spread, 0.0).sum()) <= TOO_WIDE**2 * size:
+        if float(np.where(used, spread, 0.0).sum()) <= MOST**2 * size:
             return False
     return True
 

@@ -15,6 +15,7 @@ from identification.audit.columns import PARAMETERS, SetUp
 from identification.audit.comparison import ALL, LEAST_SIGMAS, USED
 from identification.audit.given import WEIGHS
 from identification.audit.hypotheses import Hypothesis, Layout
+from identification.mismatch.settings import MOST
 
 LEAST_GAIN = 6.0
 """Nats, odds of 400 : 1 in rows that count."""
@@ -23,8 +24,6 @@ FIRST_SHARE, LATER_SHARE = 0.1, 0.04
 """Of what neither the model's own uncertainty nor noise accounts for, on rows that were not fitted."""
 EXPLAINS, LEAST_EXPLAINED = 1.0, 0.005
 """Deviations by which what a difference takes away is above nothing, and the least share: less is printed as 0 %."""
-LEAST_TORQUE = 0.5
-"""Of what the best model leaves of a joint: where a difference makes less it does not act."""
 FARTHEST = 3.0
 """Of the longest link's radius of inertia: a load's centre is no farther from its link's frame."""
 SLOWEST = 0.3
@@ -94,7 +93,7 @@ def _share(now: Explanation, after: Explanation, first: Explanation) -> float:
         replace(each, day=DAYS[0], noise=noise).holding(after.steps[-1:]).foretold().sum(axis=0)
         for each in (first, now, after)
     )
-    heard = _heard(now, after) >= LEAST_TORQUE
+    heard = _heard(now, after) >= MOST  # else it does not act on that joint
     if not heard.any():
         return 0.0
     # One that comes besides has to matter to the whole; else the misfit of the first one's model gets a name.

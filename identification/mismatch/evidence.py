@@ -16,16 +16,12 @@ from identification.arrays import BoolArray, FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.motion import Motion
 from identification.mismatch.noise import noise_of_mean
-from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.settings import ROUNDING, DiagnosisSettings
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
 from identification.signals.periodic import PeriodicSettings, projection_of, smooth_motion, to_lines, torque_lines
 from identification.signals.periods import PeriodTable, average_periods
 from identification.signals.processed import LinearOperator
-
-ABSENT = 1e-12
-"""Share of the longest column below which the motion does not ask for a base parameter: it stays at zero, and its
-variance is still a number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +107,7 @@ def fit_parameters(evidences: Sequence[Evidence]) -> FloatArray:
         torque.append((evidence.torque * weight).ravel())
     matrix = np.concatenate(rows)
     scale = np.linalg.norm(matrix, axis=0)
-    scale[scale < ABSENT * scale.max()] = np.inf
+    scale[scale < ROUNDING * scale.max()] = np.inf  # the motion does not ask for it: it stays at zero, with a variance
     solution = np.linalg.lstsq(matrix / scale, np.concatenate(torque), rcond=1e-10)[0]
     return np.asarray(solution / scale, dtype=np.float64)
 

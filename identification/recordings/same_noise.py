@@ -8,9 +8,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.recordings.recording import Recording
+from identification.recordings.rounded import ODDS
 
-ODDS = 1000.0
-"""To one, against noise of its own, of what the whole shows at any time shift and each part at that one."""
 PARTS = 4
 """In time, each of which has to show it: two runs may begin alike, or meet one push alike."""
 SAME_PERIOD = 1e-3

@@ -16,6 +16,7 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.changes.candidates import Candidate
+from identification.mismatch.changes.contact_force import LACK_KNOTS
 from identification.mismatch.changes.contact_search import find_contact, without_outliers
 from identification.mismatch.changes.contrasts import Contrasts, Fit, solve
 from identification.mismatch.changes.lasting import find_drift, find_payload, find_thermal
@@ -34,7 +35,6 @@ from identification.recordings.recording import Recording
 FEWEST_PERIODS = 3
 MOST_CHANGES = 5
 WINDOW_MARGIN_S = 0.1
-CLOSING_POINTS = 9
 BESIDE_FLAGGED_S = 0.5
 """A jolt rings on for about as long beside the rows that stand out of it."""
 
@@ -211,7 +211,7 @@ def _close_span(contrasts: Contrasts, rest: FloatArray, closed: _Closed, first: 
     """Take out of the periods concerned whatever smooth torque acts between two times on any joint."""
     motion = contrasts.motion
     closed.spans.append((first, last))
-    knots = np.linspace(first, last, CLOSING_POINTS)
+    knots = np.linspace(first, last, LACK_KNOTS)
     width = knots[1] - knots[0]
     for period, start in enumerate(motion.start_s):
         time = start + motion.time

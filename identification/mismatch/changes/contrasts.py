@@ -18,10 +18,10 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.noise import NEIGHBOURS_OF_LINE_ZERO
+from identification.mismatch.settings import ROUNDING
 
 FORGETS_S = np.geomspace(0.003, 1.0, 6)
 """Times within which noise forgets, so that a jump where a period ends fades; the ramp stands beside them."""
-_RELATIVE_CUTOFF = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,6 +203,6 @@ def solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, 
     """Least squares from normal equations with scaled columns; directions the data do not have are left at zero."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    kept = values > _RELATIVE_CUTOFF * max(float(values[-1]), 1e-300)
+    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
     return np.asarray(inverse @ right), np.asarray(inverse), int(kept.sum())

@@ -13,10 +13,10 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Estimate, ShapeParameter
-from identification.mismatch.evidence import ABSENT
 from identification.mismatch.problem import Problem, off, spread
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member, columns_of
+from identification.mismatch.settings import ROUNDING
 
 # Relative step of a nonlinear parameter for the derivative of its columns.
 SHAPE_STEP = 1e-2
@@ -75,7 +75,7 @@ def nominal_factor(nominal: Problem) -> tuple[FloatArray, FloatArray, FloatArray
     """Q, R and lengths of the whitened nominal columns, and `Extension.loose`; dozens of sets share one problem."""
     plain = nominal.whitened(nominal.nominal, range(nominal.n)).reshape(nominal.torque.size, -1)
     norms = np.linalg.norm(plain, axis=0)
-    norms = np.maximum(norms, ABSENT * norms.max())
+    norms = np.maximum(norms, ROUNDING * norms.max())
     factor, triangle = np.linalg.qr(plain / norms)
     _, singular, right = np.linalg.svd(triangle)
     loose = right.T / np.maximum(singular, OPEN * singular[0]) / norms[:, None]
