@@ -21,9 +21,10 @@ Here: the structure, its checks, and the way into a run request. Not here: what 
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
@@ -227,6 +228,8 @@ def read_settings(path: str | Path, kind: type[_Settings], purpose: str) -> _Set
             text, place = "a key is no text; inside braces a value with commas in it needs quotes", place[8:]
         elif text.startswith("Expected `str") and text.endswith(("`int`", "`float`", "`bool`")):
             text += "; it needs quotes"
+        elif text.startswith("Object contains unknown field"):
+            text = f"there is no field {text.split()[-1]}; there are {', '.join(_keys_at(place, kind))}"
         place = _with_its_name(place.strip("`$."), data, kind)
         raise ConfigurationError(f"{text}.", file=str(file), field=place or _key_in(text)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -251,6 +254,14 @@ def _with_its_name(place: str, data: bytes, kind: type[Any]) -> str:
         except msgspec.ValidationError:
             return f"{section}.{name}{rest}"
     return place
+
+
+def _keys_at(place: str, kind: type[Any]) -> tuple[str, ...]:
+    """The keys of the section at a place of the file, which msgspec calls as in `$.arms[...]` or `$.walls[0]`."""
+    for name in re.findall(r"[a-z]\w*", place):
+        hint = get_type_hints(kind)[name]
+        kind = next(part for part in (*get_args(hint), hint) if hasattr(part, "__struct_fields__"))
+    return tuple(kind.__struct_fields__)
 
 
 def _named_twice(data: bytes) -> tuple[str, int] | None:

@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daemon.api import RunRequest
-from daemon.config import DaemonConfig, load_config
+from daemon.config import DaemonConfig, load_config, read_settings
 from daemon.errors import ConfigurationError, DaemonError, MissingInputError
+from daemon.motion.workspace_file import WorkspaceFile
 
 
 def test_an_empty_file_means_the_defaults(tmp_path: Path) -> None:
@@ -60,6 +61,23 @@ def _written(file: Path, text: str) -> Path:
 def test_the_version_may_be_left_to_the_robot(tmp_path: Path) -> None:
     config = load_config(_written(tmp_path / "c.yaml", "fri: {version: Auto}\n"))
     assert config.request_fields()["fri_version"] == "auto"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "said"),
+    [
+        ("frj: {version: '1.15'}\n", DaemonConfig, "there is no field `frj`; there are robot, fri, run, "),
+        ("fri: {bind: 30200}\n", DaemonConfig, "there is no field `bind`; there are version, bind_host, bind_port, "),
+        ("arms: {left: {port: 1}}\n", DaemonConfig, "there are robot, bind_host, bind_port, "),
+        ("walls: [{nam: a}]\n", WorkspaceFile, "there are name, normal, offset_m."),
+        ("tool: {mass: 1}\n", WorkspaceFile, "mass_kg, "),
+    ],
+)
+def test_beside_an_unknown_key_stand_the_known_ones(tmp_path: Path, text: str, kind: type, said: str) -> None:
+    """What `bind` may be called was to be looked up."""
+    with pytest.raises(ConfigurationError) as refusal:
+        read_settings(_written(tmp_path / "c.yaml", text), kind, "it")
+    assert said in str(refusal.value)
 
 
 def test_of_a_relayed_cabinet_nothing_untrue_is_said(tmp_path: Path) -> None:
