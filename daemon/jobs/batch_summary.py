@@ -44,7 +44,7 @@ def _document(task: Task, items: Sequence[BatchItem], out: Path, joints: int) ->
     done = {"fit": "fitted", "diagnose": "diagnosed"}[task]
     rms = "left by the model" if task == "fit" else "left with the findings"
     return Document(
-        title=f"{counted(len(items), 'recording')} {done}",
+        title=f"{f'{len(items) - failed} of ' * bool(failed)}{counted(len(items), 'recording')} {done}",
         verdict=f"{len(items) - failed} of {counted(len(items), 'recording', verb=True)} {done}, "
         f"{failed} failed; {looked_at} want{'s' * (looked_at == 1)} a closer look.",
         tone="attention" if failed or looked_at else "good",

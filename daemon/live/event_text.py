@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from daemon.words import counted
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import EventCode, HandoverRecord
 from fri_client.messages import ConnectionQuality, SessionState, name_or_number
@@ -19,7 +20,7 @@ def event_sentence(record: HandoverRecord, loop_reason: str) -> str:
         before, after = (name_or_number(ConnectionQuality, quality) for quality in (value, limit))
         return f"The connection quality went from {before} to {after}."
     if code == EventCode.GAP:
-        return f"{value:.0f} monitoring messages are missing before sample {record.index}."
+        return f"{counted(int(value), 'monitoring message', verb=True)} missing before sample {record.index}."
     if code == EventCode.REFUSED:
         return f"Sample {record.index} was refused: {refusal_sentence(limit, record.event_joint, value)}."
     if code == EventCode.SILENCE:

@@ -223,6 +223,16 @@ def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_p
     assert len(second.rms_nm) == len(second.noise_floor_nm) == 7
 
 
+@pytest.mark.parametrize(
+    ("codes", "head"), [((0, 65, 66), "1 of 3 recordings fitted"), ((0, 0), "2 recordings fitted")]
+)
+def test_the_page_of_a_batch_heads_what_was_done(tmp_path: Path, codes: tuple[int, ...], head: str) -> None:
+    """A page headed "4 recordings fitted" stood above three that had failed."""
+    items = [BatchItem(f"{number}.npz", code, "so") for number, code in enumerate(codes)]
+    page, _ = write_summary("fit", items, tmp_path)
+    assert f"<h1>{head}</h1>" in page.read_text(encoding="utf-8")
+
+
 def test_a_batch_states_no_noise_that_was_not_measured(
     logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

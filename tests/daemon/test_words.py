@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 from daemon.api import LoopReport
+from daemon.live.event_text import event_sentence
 from daemon.run.outcome import outcome_sentences
 from daemon.words import counted
+from fri_client.handover.ring import EventCode
 from fri_client.session.link_memory import RecentLink
 
 from .producer import make_request
@@ -41,3 +44,9 @@ def test_the_account_of_a_run_of_one_period_speaks_of_one(tmp_path: Path) -> Non
     for words in ("1 monitoring message received", "1 answer held back", "1 sample recorded", "0 of 1 period is",
                   "1 message missing, 1 answer held back and"):  # fmt: skip
         assert words in said
+
+
+def test_a_gap_of_one_message_speaks_of_one() -> None:
+    for missing, said in ((1, "1 monitoring message is missing"), (2, "2 monitoring messages are missing")):
+        record = SimpleNamespace(event_code=EventCode.GAP, event_value=float(missing), event_limit=0.0, index=7)
+        assert event_sentence(record, "") == f"{said} before sample 7."  # type: ignore[arg-type]
