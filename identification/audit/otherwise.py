@@ -26,6 +26,7 @@ from identification.audit.rows import MOST_ROWS, REPEATED, band_of, rows_of
 from identification.errors import RecordingError
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR
 from identification.recordings.independence import recording_names
+from identification.recordings.leaps import HIDDEN_GAPS
 from identification.recordings.recording import Recording
 from identification.remembered import once_per_object
 from identification.robots.model import RobotModel
@@ -104,6 +105,8 @@ def other_reading(recording: Recording, robot: RobotModel) -> Otherwise | None:
         return None
     kind, sentence, score, against = max(found, key=lambda item: item[2].nats - item[3].nats)
     gain = score.nats - against.nats
+    if kind == "clock" and recording.report.of_kind(HIDDEN_GAPS):  # wrong stamps, but by no one rate
+        return known
     if gain > LEAST_GAIN and score.holds_against(against):
         return Otherwise(kind, sentence)
     return known

@@ -100,7 +100,8 @@ class DataFault:
     """A fault of the data, not of the robot; fields as in diagnosis.json.
 
     fault: wrong_time_base, inverted_torque_sign, saturated_sensor, lost_samples or garbled_rows. joints: from 1.
-    ratio: true rate / stated rate, with its standard deviation ratio_std; None for other faults.
+    ratio: true rate / stated rate, with its standard deviation ratio_std; None for other faults and of
+    stamps that hide missing rows.
     rows: first row, last row (of the file, from 1) and how many rows are affected; None where all are. recording: the
     file, with as many of its folders as tell it from the others.
     """

@@ -16,7 +16,7 @@ from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
 from identification.recordings.held import held_rows, rows_of_a_slower_source, rows_used_again
 from identification.recordings.labels import labels_of_a_stated_period, labels_of_the_run
-from identification.recordings.leaps import rows_behind_hidden_gaps
+from identification.recordings.leaps import HIDDEN_GAPS, rows_behind_hidden_gaps
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.repetition import unstated_period
 from identification.recordings.row_clock import CROWDED_ROW, crowded, row_clock
@@ -72,7 +72,7 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
         "is reached by twice the step beside it, in all joints at once: a row is missing before it and the even stamps "
         "hide it, or q comes by another clock than t. State the true times"
     )
-    _note_runs(findings, "hidden_gaps", number[keep][rows_behind_hidden_gaps(time, position)], what)
+    _note_runs(findings, HIDDEN_GAPS, number[keep][rows_behind_hidden_gaps(time, position)], what)
     moves = np.ptp(position, axis=0) > 0.0
     _refuse_dead_torque(table, torque, moves, findings)
     arrays: dict[str, Any] = {}

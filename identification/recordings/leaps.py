@@ -40,6 +40,8 @@ FEWEST_TWICE = 10
 """Rows that all joints reach by twice the step beside them, at least: recordings that lost none have not one."""
 NEAR_TWICE = 0.2
 """Of the step beside, by which it may differ from twice that, all joints together."""
+HIDDEN_GAPS = "hidden_gaps"
+"""The kind of what is found of them."""
 FASTEST_RAD_S = 100.0
 """Of a joint whose description has no limit."""
 

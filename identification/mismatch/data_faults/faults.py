@@ -32,6 +32,7 @@ from identification.mismatch.findings import DataFault
 from identification.mismatch.settings import ROUNDING
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
 from identification.recordings.independence import recording_names
+from identification.recordings.leaps import HIDDEN_GAPS
 from identification.recordings.recording import Finding, Recording
 from identification.recordings.standing import STANDING, standing_values
 from identification.signals.processed import ProcessedSignals
@@ -40,7 +41,7 @@ ROW_FAULTS = {
     "gap": "lost_samples",
     "repeated_rows": "lost_samples",
     "garbled_rows": "garbled_rows",
-    "hidden_gaps": "lost_samples",
+    HIDDEN_GAPS: "lost_samples",
     "time_backwards": "garbled_rows",
     "wrong_joint_order": "wrong_joint_order",
     "clipped_torque": "saturated_sensor",
@@ -129,9 +130,11 @@ def _inverted(signs: FloatArray, name: str) -> list[DataFault]:
 def _time_base(
     recording: Recording, stretch: Thinned, regressor: BaseRegressor, signs: FloatArray, name: str
 ) -> DataFault | None:
-    """True rate over stated rate, from the recorded velocity or from inertia against gravity."""
+    """True rate over stated rate, from the recorded velocity or from inertia against gravity; stamps that hide missing
+    rows are wrong by no one rate.
+    """
     ratio, std, cost_ratio = _ratio_from_torque(stretch.signals, regressor, signs)
-    source = "the inertia torque against gravity"
+    source, hides_rows = "the inertia torque against gravity", bool(recording.report.of_kind(HIDDEN_GAPS))
     claimed = _is_wrong(ratio, std, cost_ratio)
     if claimed:
         other = _ratio_from_torque(stretch.signals, regressor, signs, stretch.rivals)
@@ -139,25 +142,33 @@ def _time_base(
     measured = clock_by_velocity(recording)
     if measured is not None and abs(np.log(measured[0])) > SMALLEST_CLOCK_ERROR:
         ratio, std = measured
-        source = "the recorded velocity against the change of position"
+        source, hides_rows = "the recorded velocity against the change of position", False
         claimed = abs(ratio - 1.0) >= max(SMALLEST_CLOCK_ERROR, LEAST_SIGMAS * std)
     if not claimed:
         return None
+    every = tuple(range(1, recording.n + 1))
+    if hides_rows:
+        sentence = (
+            f"{name}: the time base is wrong: its stamps hide missing rows, and inertia does not go with gravity by "
+            "them. At what rate samples were taken cannot be told."
+        )
+        return DataFault("wrong_time_base", every, sentence)
     stated = 1.0 / recording.sampling_period_s
     sentence = (
         f"{name}: the time base is wrong: {source} says that samples were taken at {stated * ratio:.4g} Hz, not at the "
         f"stated {stated:.4g} Hz (ratio {ratio:.4g} ± {std:.2g})."
     )
-    return DataFault("wrong_time_base", tuple(range(1, recording.n + 1)), sentence, ratio=ratio, ratio_std=std)
+    return DataFault("wrong_time_base", every, sentence, ratio=ratio, ratio_std=std)
 
 
 def clock_in_doubt(recording: Recording, regressor: BaseRegressor) -> tuple[float, float] | None:
     """True rate over stated rate and its deviation where inertia asks for another clock against gravity, None else.
 
     Free functions of each joint may do as well: what is beyond them is a fault (`find_data_faults`). Signs are right.
+    None too where the stamps hide missing rows, which is said of the rows.
     """
     stretch = thinned_stretch(recording)
-    if stretch is None:
+    if stretch is None or recording.report.of_kind(HIDDEN_GAPS):
         return None
     ratio, std, cost_ratio = _ratio_from_torque(stretch.signals, regressor, np.ones(recording.n))
     return (ratio, std) if _is_wrong(ratio, std, cost_ratio) else None

@@ -71,6 +71,21 @@ def test_a_wrong_clock_is_found_with_its_ratio(sound: Recording, faults, ratio: 
     assert 0.0 < found[0].ratio_std < 0.01 * ratio
 
 
+def test_stamps_that_hide_missing_rows_are_wrong_by_no_one_rate(sound: Recording, faults, tmp_path: Path) -> None:
+    """Truth: 200 Hz, a tenth of the rows taken out. Beside the warning it was said that they came at 67 Hz."""
+    kept = np.random.default_rng(1).random(len(sound.time)) >= 0.1
+    step = sound.sampling_period_s
+    np.savez(tmp_path / "a.npz", t=step * np.arange(kept.sum()), q=sound.position[kept], tau=sound.torque[kept])
+    rows, clock = (
+        next(fault for fault in faults(read_recording(tmp_path / "a.npz")) if fault.fault == kind)
+        for kind in ("lost_samples", "wrong_time_base")
+    )
+    assert "the even stamps hide it" in rows.sentence
+    assert "cannot be told" in clock.sentence
+    assert "Hz" not in clock.sentence
+    assert clock.ratio is clock.ratio_std is None
+
+
 def hidden_physics(q: np.ndarray, dq: np.ndarray, torque: np.ndarray, beside: np.ndarray) -> dict[str, np.ndarray]:
     """Torque (S,) of hidden effects on a joint, hundreds of times the noise of the recording below.
 
