@@ -15,7 +15,6 @@ ROOMS = ("fri_client", "daemon", "identification", "safety")
 MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION = 400, 60
 
 REASONS = {
-    "daemon/log/cdr.py:pack_fri_state": "one call that packs the sixty-odd fields of a message, a line each",
     "fri_client/session/session.py:judge": "1000 times a second, on plain locals: each further call costs turn-around",
     "daemon/cli/run.py:run": "gathers the options into one request, a line each, then starts it",
     "daemon/cli/design.py:design": "gathers the options into settings, a line each, then designs and shows",
