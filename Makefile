@@ -14,12 +14,12 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.installed
 	$(BIN)/iiwa-ident demo --out $(DEMO_OUT)
 
-# Four at a time on two cores, since the tests with processes wait for most of theirs; in the order of the folders, since
+# Three at a time on two cores, since the tests with processes wait for most of theirs; in the order of the folders, since
 # those that begin last would be the few that take minutes.
 test: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy -n 2
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
