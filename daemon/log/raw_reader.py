@@ -20,6 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from daemon.errors import BadLogError
+from identification.attachments import attachment_name, has_its_checksum
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")
@@ -27,10 +28,6 @@ MAXIMUM_CHUNK_BYTES = 256 * 1024 * 1024
 """Uncompressed size beyond which a chunk's own claim is not believed."""
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
-_NAME_AT = 20
-"""Of an attachment, behind its two times and the length of its name."""
-_LONGEST_NAME = 200
-"""Of a damaged attachment; its stated length may be damaged too."""
 
 
 @dataclass(slots=True)
@@ -88,10 +85,10 @@ def readable_items(source: Path, found: Found) -> Iterator[Message | Attachment]
                     found.complete = True
                     return
                 elif opcode == Opcode.ATTACHMENT:
-                    if _has_checksum_of(content):
+                    if has_its_checksum(content):
                         yield Attachment.read(_Cursor(content))
                     else:
-                        found.damaged_attachments.append(_name_of(content))
+                        found.damaged_attachments.append(attachment_name(content))
                 else:
                     message = _plain_record(opcode, content, found)
                     if message is not None:
@@ -178,18 +175,6 @@ def damaged_attachments(source: Path) -> list[str]:
                 break
             if opcode != Opcode.ATTACHMENT:
                 stream.seek(length, os.SEEK_CUR)
-            elif not _has_checksum_of(content := stream.read(min(length, source.stat().st_size))):
-                found.append(_name_of(content))
+            elif not has_its_checksum(content := stream.read(min(length, source.stat().st_size))):
+                found.append(attachment_name(content))
     return found
-
-
-def _has_checksum_of(content: bytes) -> bool:
-    """Whether an attachment's checksum, its last four bytes, fits the rest; 0 states none."""
-    stated = int.from_bytes(content[-4:], "little")
-    return not stated or zlib.crc32(content[:-4]) == stated
-
-
-def _name_of(content: bytes) -> str:
-    """The name of a damaged attachment as far as it can be read."""
-    length = int.from_bytes(content[_NAME_AT - 4 : _NAME_AT], "little")
-    return content[_NAME_AT : _NAME_AT + min(length, _LONGEST_NAME)].decode(errors="replace")

@@ -24,6 +24,7 @@ from mcap.records import Attachment, Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
 
 from identification.arrays import IntArray
+from identification.attachments import attachment_name, has_its_checksum
 from identification.recordings.unpacking import Allowance
 
 _RECORD = struct.Struct("<BQ")
@@ -33,10 +34,6 @@ _HEAD = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seque
 """What stands before the bytes of a message in a chunk."""
 _LOOKED_AT = 24
 """Records of a chunk that are walked one by one before a repetition is looked for."""
-_NAME_AT = 20
-"""Of an attachment, behind its two times and the length of its name."""
-_LONGEST_NAME = 200
-"""Of a damaged attachment; its stated length may be damaged too."""
 _AHEAD = 8
 """Records, and unpacked chunks, that are made ready while those before them are taken apart."""
 
@@ -110,19 +107,7 @@ def attachment_of(content: bytes) -> Attachment | DamagedAttachment:
     if has_its_checksum(content):
         attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
         return attachment
-    return DamagedAttachment(name_of(content))
-
-
-def has_its_checksum(content: bytes) -> bool:
-    """Whether an attachment's checksum, its last four bytes, fits the rest; 0 states none."""
-    stated = int.from_bytes(content[-4:], "little")
-    return not stated or zlib.crc32(content[:-4]) == stated
-
-
-def name_of(content: bytes) -> str:
-    """The name of a damaged attachment as far as it can be read."""
-    length = int.from_bytes(content[_NAME_AT - 4 : _NAME_AT], "little")
-    return content[_NAME_AT : _NAME_AT + min(length, _LONGEST_NAME)].decode(errors="replace")
+    return DamagedAttachment(attachment_name(content))
 
 
 def _in_chunk(data: bytes, topics: Mapping[int, MessageSink | None]) -> Iterator[McapRecord]:
