@@ -104,12 +104,13 @@ def _changes(
     first: Path, others: Sequence[Path], arm: RecordedArm, hours: Sequence[float] | None, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    from identification.audit.between import changes_between, model_of, warnings_of
+    from identification.audit.between import changes_between, model_of
     from identification.audit.mount import require_stated_stand
     from identification.audit.reading import read_so
     from identification.audit.signs import require_stated_signs
     from identification.audit.trend import LEAST, trend_of, with_hours
     from identification.errors import RecordingError
+    from identification.fitting.result import warnings_of
     from identification.model_file import no_check, read_model
     from identification.recordings.independence import refuse_repeated
 

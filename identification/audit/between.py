@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from identification.audit.audit import audit
 from identification.audit.difference import Audit
 from identification.audit.reading import read_so
 from identification.base_parameters import BaseRegressor, RegressorOptions
-from identification.fitting.result import FitResult
+from identification.fitting.result import FitResult, warnings_of
 from identification.fitting.settings import FitSettings
 from identification.json_values import plain
 from identification.mismatch.prediction import left_to_parameters
@@ -71,11 +70,6 @@ def fitted_to(recording: Recording, robot: RobotModel, like: RegressorOptions | 
     return fit_recordings([recording], robot, settings)
 
 
-def warnings_of(notes: Sequence[str]) -> tuple[str, ...]:
-    """Those notes of a fit that say that its recording is not what it states."""
-    return tuple(note for note in notes if note.startswith("WARNING"))
-
-
 def model_of(recording: Recording, robot: RobotModel) -> Model:
     """The fit of one recording as a model. Raises the errors of a fit."""
     return model_of_fit(fitted_to(recording, robot), Path(recording.source.path).name)
@@ -110,7 +104,7 @@ def changes_between(model: Model, recording: Recording, robot: RobotModel, calle
             sigmas = float((after - value) / max(float(np.hypot(std, deviation)), 1e-300))
             parameters.append(ParameterChange(name, float(value), float(after), sigmas, units[name]))
     parameters.sort(key=lambda item: -abs(item.sigmas))
-    return Change(found, tuple(parameters), warnings_of(fit.notes))
+    return Change(found, tuple(parameters), tuple(warnings_of(fit.notes)))
 
 
 def _deviations(model: Model, robot: RobotModel) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -181,3 +182,8 @@ class FitResult:
                 for start in self.constrained.starts
             ],
         }
+
+
+def warnings_of(notes: Sequence[str]) -> list[str]:
+    """Those notes of a fit that say that its recording is not what it states."""
+    return [note for note in notes if note.startswith("WARNING")]

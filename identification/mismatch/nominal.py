@@ -15,7 +15,7 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import UndeterminedParametersError
 from identification.fitting.band import within_rate
 from identification.fitting.nominal_model import notes_on_model
-from identification.fitting.result import FitResult
+from identification.fitting.result import FitResult, warnings_of
 from identification.fitting.settings import FitSettings
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.heldout import Residuals, residuals
@@ -111,10 +111,9 @@ def settings_of_fit(
 
 def notes_of_fit(fit: FitResult) -> list[str]:
     """What the reader must know of the model that the findings stand beside, what spoils it first."""
-    warnings = [note for note in fit.notes if note.startswith("WARNING")]
     band = fit.settings.low_pass_hz
     compared = [] if band is None else [f"Compared up to {band:.3g} Hz, as the fit of these recordings is"]
-    return [*warnings, *compared, *notes_on_model(fit.regressor, fit.settings)]
+    return [*warnings_of(fit.notes), *compared, *notes_on_model(fit.regressor, fit.settings)]
 
 
 def residuals_of(nominal: Nominal, evidences: Sequence[Evidence], library: Library) -> Residuals:
