@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
 from identification.base_parameters import Widths, direction_of
@@ -155,7 +155,7 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
     precision = 1.0 / np.array(variances)
     gain = float(precision @ np.array(gains) / precision.sum())
     deviation = 1.0 / math.sqrt(float(precision.sum()))
-    distance = float(chi2.sf(float(precision @ (np.array(gains) - gain) ** 2), len(gains) - 1))
+    distance = float(chdtrc(len(gains) - 1, float(precision @ (np.array(gains) - gain) ** 2)))
     text = f"Of the known mass the sensors read {100 * (1 + gain):.2f} ± {100 * 1.96 * deviation:.2f} % (95 %)"
     if abs(gain) > MOST_GAIN:
         return Outcome(
@@ -169,7 +169,7 @@ def added_mass(difference: Difference, mass: AddedMass) -> Outcome:
             f"{text}, but not alike: joint {loaded[worst] + 1} reads {100 * (1 + gains[worst]):.2f} % of it (chance "
             f"{distance:.1g}). Its sensor has a gain of its own.",
         )  # fmt: skip
-    if chi2.sf((gain / deviation) ** 2, 1) < DIFFERENT:
+    if chdtrc(1, (gain / deviation) ** 2) < DIFFERENT:
         return Outcome(Action.ADD_MASS, "common_gain", True, f"{text}: all sensors have this gain, no link is heavier.")
     return Outcome(
         Action.ADD_MASS, "no_common_gain", True, f"{text}: no common gain beyond that; what the links weigh stands."
@@ -182,7 +182,7 @@ def turned_tool(difference: Difference) -> Outcome:
     states = (motion.position, motion.velocity, motion.acceleration)
     columns = link_columns(motion.robot, *states, motion.n - 1, _TURNED)
     size, covariance = difference.fit(columns, range(motion.n))
-    chance = float(chi2.sf(float(size @ np.linalg.solve(covariance, size)), size.size))
+    chance = float(chdtrc(size.size, float(size @ np.linalg.solve(covariance, size))))
     moment, deviation = -0.5 * size[:2], 0.5 * np.sqrt(np.diag(covariance)[:2])
     text = (
         f"Across the flange's axis the load has first moments of {moment[0]:+.4f} ± {1.96 * deviation[0]:.4f} and "
@@ -203,7 +203,7 @@ def levelled(difference: Difference) -> Outcome:
     if columns is None:
         return Outcome(Action.LEVEL_BASE, "", False, "Without gravity no level is seen.")
     turn, covariance = difference.fit(columns.values, columns.joints)
-    chance = float(chi2.sf(float(turn @ np.linalg.solve(covariance, turn)), turn.size))
+    chance = float(chdtrc(turn.size, float(turn @ np.linalg.solve(covariance, turn))))
     angle = math.degrees(float(np.linalg.norm(turn)))
     deviation = math.degrees(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
     text = f"Gravity turned by {angle:.3f} ± {1.96 * deviation:.3f}° (95 %) in the frame of the base"

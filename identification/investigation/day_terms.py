@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
 from identification.base_parameters import Widths
@@ -126,4 +126,4 @@ def _chance(
     values, covariance = _fit(rest, first, places, [*chosen, place])
     own = covariance[-_OWN:, -_OWN:]
     square = float(values[-_OWN:] @ np.linalg.pinv(own, 1e-10, hermitian=True) @ values[-_OWN:])
-    return float(chi2.sf(square, _OWN)) if math.isfinite(square) else 1.0
+    return float(chdtrc(_OWN, square)) if math.isfinite(square) else 1.0

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
@@ -242,7 +242,7 @@ def compare_model(
         block = covariance[np.ix_(own, own)] / np.outer(scale, scale)
         distance = float((difference[own] / scale) @ np.linalg.pinv(block, rcond=1e-10) @ (difference[own] / scale))
         moved = float(np.sqrt(np.sum(rms(columns[:, :, own] @ difference[own]) ** 2)))
-        links.append(LinkDeviation(link, float(chi2.sf(max(distance, 0.0), max(1, own.size))), moved))
+        links.append(LinkDeviation(link, float(chdtrc(max(1, own.size), max(distance, 0.0))), moved))
     return ModelComparison(
         source=source,
         model_nm=rms(torque - columns @ values),

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from identification.arrays import FloatArray
 from identification.mismatch.evidence import Evidence, rows_of_each, rows_to_time
@@ -93,7 +93,7 @@ def _probability_of_more(left: Residuals, fitted: Residuals) -> FloatArray:
     spread = np.maximum(left.expected_nm**2 - left.noise_floor_nm**2, 0.0)
     noisier = np.maximum(left.noise_floor_nm**2 - fitted.noise_floor_nm**2, 0.0)
     ratio = left.rms_nm**2 / np.maximum(level + share * spread + noisier, 1e-300)
-    return np.asarray(fisher.sf(ratio, left.freedom, fitted.freedom), dtype=np.float64)
+    return np.asarray(fdtrc(left.freedom, fitted.freedom, ratio), dtype=np.float64)
 
 
 def _in_common_band(

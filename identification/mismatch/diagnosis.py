@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from identification.arrays import BoolArray, FloatArray
 from identification.audit import Audit, audit
@@ -295,7 +295,7 @@ def _found_by_chance(before: Residuals | None, claims: Claims) -> FloatArray:
     if before is None or after is None:
         return np.ones_like(claims.before.rms_nm)
     ratio = (before.rms_nm / np.maximum(after.rms_nm, 1e-300)) ** 2
-    return np.asarray(fisher.sf(ratio, before.freedom, after.freedom), dtype=np.float64)
+    return np.asarray(fdtrc(before.freedom, after.freedom, ratio), dtype=np.float64)
 
 
 def _baseline(

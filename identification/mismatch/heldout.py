@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
@@ -170,7 +170,7 @@ def misfit_probability(left: Residuals, evidences: Sequence[Evidence], highest_h
             shadow = scatter.T @ values
             squares = values @ values - shadow @ np.linalg.solve(np.eye(shadow.size) + scatter.T @ scatter, shadow)
             behind = max(float(freedom[rows, joint].mean()), 0.5 * rows.size)
-            chance[joint] = min(chance[joint], float(fisher.sf(squares / rows.size, rows.size, behind)))
+            chance[joint] = min(chance[joint], float(fdtrc(rows.size, behind, squares / rows.size)))
     return np.minimum(chance * np.unique(band).size, 1.0)
 
 

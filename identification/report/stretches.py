@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-from scipy.signal import welch
 
 from identification.arrays import FloatArray
 from identification.fitting.delay import earlier
@@ -128,6 +127,8 @@ def _per_line(rows: FloatArray, samples: int) -> FloatArray:
 
 def _welch(residuals: list[FloatArray], time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Frequency and RMS amplitude per line of the longest stretch without periods (Welch); a resting joint counts 0."""
+    from scipy.signal import welch  # slow to load, and recordings with periods do without
+
     longest = max(residuals, key=len)
     rate = 1.0 / float(np.median(np.diff(time)))
     frequency, power = welch(

@@ -82,6 +82,7 @@ def test_the_fake_robot_is_one_of_the_family_and_its_help_loads_no_simulator() -
         ("daemon.run.loop_process", "scipy coal pinocchio zmq mcap"),
         ("fixtures.fake_robot.plant", "glfw"),
         ("identification.recording_fit", "scipy.optimize scipy.stats scipy.signal scipy.interpolate matplotlib"),
+        ("identification.interface", "scipy.stats scipy.signal scipy.interpolate mujoco"),
     ],
 )
 def test_processes_load_nothing_they_do_without(modules: str, unneeded: str) -> None:

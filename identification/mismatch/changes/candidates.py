@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
 from identification.mismatch.changes.contrasts import Contrasts, Fit
@@ -127,7 +127,7 @@ def spread_of(
 
 def hopeless(gain: float, dof: int, tests: float) -> bool:
     """Whether a refinement of a scan's gain cannot make it significant."""
-    return bool(chi2.logsf(REFINED * gain + 3.0, dof) + np.log(tests) > -6.0)
+    return bool(chdtrc(dof, REFINED * gain + 3.0) * tests > np.exp(-6.0))
 
 
 def dispersion_of(squares: float, freedom: int) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from identification.arrays import FloatArray
 from identification.mismatch.changes.candidates import REFINED, dispersion_of
@@ -80,11 +80,11 @@ def locate_push(
     found, on_axis = _by_link(ground, effect, push.shape)
     noise = max(left, dispersion)
     # Torque on a joint beyond a link cannot come from it, whatever the profile.
-    least = noise * float(chi2.isf(UNSEEN, 1))
+    least = noise * float(chdtri(1, UNSEEN))
     found = {link: item for link, item in found.items() if _beyond(ground, link, push.shape, item) < least}
 
     def explains_more(other: int, link: int) -> bool:
-        return other > link and found[other].value - found[link].value > noise * float(chi2.isf(UNSEEN, other - link))
+        return other > link and found[other].value - found[link].value > noise * float(chdtri(other - link, UNSEEN))
 
     chosen = next(link for link in sorted(found) if not any(explains_more(other, link) for other in found))
     last = max(found)
@@ -93,7 +93,7 @@ def locate_push(
         chosen, found = last, {last: on_axis}
     push, left = _bent_if_needed(ground, chosen, {**push.shape, **found[chosen].point}, dispersion)
     best = max(item.value for item in found.values())
-    others = [link for link in found if link > chosen and best - found[link].value < noise * float(chi2.isf(UNSEEN, 1))]
+    others = [link for link in found if link > chosen and best - found[link].value < noise * float(chdtri(1, UNSEEN))]
     weights = np.exp([(found[link].value - best) / (2.0 * noise) for link in (chosen, *others)])
     weights /= weights.sum()
     covariance = max(left, dispersion) * push.covariance + sum(

@@ -7,11 +7,12 @@ independent. So jumps that fade within any such time are given away, in each per
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Place
@@ -22,6 +23,13 @@ from identification.mismatch.settings import ROUNDING
 
 FORGETS_S = np.geomspace(0.003, 1.0, 6)
 """Times within which noise forgets, so that a jump where a period ends fades; the ramp stands beside them."""
+
+
+def log10_chance(tail: float, tests: float) -> float:
+    """log10 of the chance that one of so many tests of noise goes beyond what one alone does with chance `tail`
+    (Bonferroni); minus infinity where the tail is too small for a float.
+    """
+    return min(0.0, math.log10(tail * max(tests, 1.0))) if tail > 0.0 else -math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +48,7 @@ class Fit:
     def log10_chance(self, tests: float, extra_parameters: int = 0, dispersion: float = 1.0) -> float:
         """log10 of the chance to see this gain somewhere in so many tests of noise (Bonferroni)."""
         dof = self.rank + extra_parameters
-        chance = fisher.logsf(self.gain / dispersion / dof, dof, self.freedom) / np.log(10.0)
-        return float(min(0.0, chance + np.log10(max(tests, 1.0))))
+        return log10_chance(float(fdtrc(dof, self.freedom, self.gain / dispersion / dof)), tests)
 
     def score(self, tests: float) -> float:
         """Half the gain in log-likelihood units, less what so many tests and columns gain on white noise."""

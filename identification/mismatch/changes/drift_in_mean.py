@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
 from identification.mismatch.changes.between_periods import FEWEST_PERIODS, Change, with_level
 from identification.mismatch.changes.contact_search import without_outliers
-from identification.mismatch.changes.contrasts import Contrasts
+from identification.mismatch.changes.contrasts import Contrasts, log10_chance
 from identification.mismatch.effects.base import CERTAIN, Estimate, Place
 from identification.mismatch.effects.torque_sensor_drift import EXPONENTIAL, LINEAR, TorqueSensorDrift
 from identification.mismatch.evidence import Evidence
@@ -166,7 +166,7 @@ def _change(
         estimate=Estimate(place, course.shape, np.array([size]), variance, {}),
         gain=gain,
         score=score,
-        log10_chance=float(min(0.0, chi2.logsf(gain, 1) / np.log(10.0) + np.log10(tests))),
+        log10_chance=log10_chance(float(chdtrc(1, gain)), tests),
         contribution=contribution,
         mean_columns=with_level(contribution.mean(axis=0)[..., None]),
         alternatives=alternatives,

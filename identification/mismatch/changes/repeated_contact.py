@@ -11,13 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.changes.between_periods import Change
 from identification.mismatch.changes.candidates import REFINED
 from identification.mismatch.changes.contact_force import locate_push, refine_window, seen_on, window_gain
 from identification.mismatch.changes.contact_search import CONTACT_DURATIONS_S, turned
+from identification.mismatch.changes.contrasts import log10_chance
 from identification.mismatch.changes.push_fit import WINDOW
 from identification.mismatch.effects.base import Estimate
 from identification.mismatch.effects.external_contact import ExternalContact
@@ -122,7 +123,7 @@ def misfit_elsewhere(
 def _on_recording(ground: MeanGround, number: int, scan: Scan, least_score: float) -> Change | None:
     cost, tests = scan.cost, scan.tests
     shape = refine_window(ground, scan.start, scan.duration)
-    seen = seen_on(ground, shape) > chi2.isf(UNLIKELY, 1)
+    seen = seen_on(ground, shape) > chdtri(1, UNLIKELY)
     if 0.5 * window_gain(ground, shape) - cost < least_score or seen.sum() < FEWEST_JOINTS:
         return None
     change = _at(ground, number, shape, cost, tests, 2.0 * (least_score + cost))
@@ -158,14 +159,13 @@ def _at(
     tangent = np.zeros((evidence.frequency.size, evidence.n, push.tangent.shape[-1]))
     tangent[:, list(push.joints)] = evidence.project(push.tangent[0])
     contribution = tangent[..., :3] @ push.force
-    chance = chi2.logsf(push.gain, len(WINDOW) + 6) / np.log(10.0) + np.log10(max(tests, 1.0))
     return Change(
         evidence=number,
         effect=effect,
         estimate=Estimate(push.place, whole, push.force, push.covariance, push.shape_std),
         gain=push.gain,
         score=0.5 * push.gain - cost,
-        log10_chance=float(min(0.0, chance)),
+        log10_chance=log10_chance(float(chdtrc(len(WINDOW) + 6, push.gain)), tests),
         contribution=np.broadcast_to(contribution, (evidence.periods, *contribution.shape)),
         mean_columns=tangent,
     )

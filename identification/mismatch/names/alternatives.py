@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.mismatch.effects.equivalence import relation
 from identification.mismatch.findings import Alternative
@@ -25,7 +25,7 @@ MOST_ALTERNATIVES = 8
 
 def significance(score: float, coefficients: int, candidates: int) -> float:
     """Probability that noise alone makes any of so many candidates gain so much; Bonferroni."""
-    return float(min(1.0, candidates * chi2.sf(2.0 * max(score, 0.0), coefficients)))
+    return float(min(1.0, candidates * chdtrc(coefficients, 2.0 * max(score, 0.0))))
 
 
 def alternatives(

@@ -7,7 +7,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from identification.arrays import FloatArray
 from identification.mismatch.problem import Problem
@@ -55,7 +55,7 @@ def _power(problem: Problem, residual: FloatArray, taken: FloatArray) -> BandPow
     mean_freedom = np.where(size > 0, _sum_bands(problem, problem.freedom) / np.maximum(size, 1), 1.0)
     tested = freedom > LEAST_FREEDOM
     ratio = np.where(tested, power / np.where(tested, freedom, 1.0), 1.0)
-    probability = np.where(tested, fisher.sf(ratio, np.maximum(freedom, LEAST_FREEDOM), mean_freedom), 1.0)
+    probability = np.where(tested, fdtrc(np.maximum(freedom, LEAST_FREEDOM), mean_freedom, ratio), 1.0)
     return BandPower(ratio, freedom, probability)
 
 

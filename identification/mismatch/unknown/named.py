@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.arrays import FloatArray, IntArray
 from identification.mismatch.problem import Problem, off
@@ -297,4 +297,4 @@ def _agreement(whole: Selection, own: IntArray) -> float:
     (first, spread), (second, other) = estimates
     change = first - second
     distance = float(change @ np.linalg.solve(spread + other, change))
-    return float(chi2.sf(distance, change.size))
+    return float(chdtrc(change.size, distance))
