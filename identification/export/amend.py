@@ -186,6 +186,8 @@ def _mujoco_frames(source: Path) -> dict[str, FloatArray]:
     mujoco.mj_kinematics(model, data)
     found = {}
     for joint in moving:
+        if not model.joint(joint).name:
+            raise ModelFileError.at(source, "it has joints without a name, so what differs cannot be written to them.")
         body = model.jnt_bodyid[joint]
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]

@@ -1,0 +1,81 @@
+"""Claims about simulators' files of others that are written as their formats allow, but seldom are.
+
+Truth: the parallel axis theorem for a point at a link's origin, in the axes of SciPy's rotations.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from identification.errors import ModelFileError
+from identification.export.amend import amend
+from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes
+from identification.robots import load_robot
+
+POINT_KG, MASS_KG, CENTER_M, MOMENTS = 2.0, 2.0, 0.1, np.array([0.01, 0.03, 0.035])
+TURN = Rotation.from_euler("xyz", (0.5, -0.3, 0.8))
+ADDED = Changes({"q": np.diag([0.0, 0.0, 0.0, POINT_KG])}, {}, {}, {}, None)
+POSES = {
+    "": TURN.as_euler("xyz"),
+    " degrees='true'": TURN.as_euler("xyz", degrees=True),
+    " rotation_format='quat_xyzw'": TURN.as_quat(),
+}
+MJCF = """<mujoco><worldbody><body{body}><joint{joint}/><inertial mass="2" pos="0.1 0 0" quat="{turn}"
+ diaginertia="0.01 0.03 0.035"/></body></worldbody></mujoco>"""
+
+
+def with_the_point() -> np.ndarray:
+    """(3, 3) kg m² about the common centre, half way to the body's."""
+    own = TURN.as_matrix() @ np.diag(MOMENTS) @ TURN.as_matrix().T
+    reduced = POINT_KG * MASS_KG / (POINT_KG + MASS_KG)
+    return np.asarray(own + reduced * CENTER_M**2 * np.diag([0.0, 1.0, 1.0]))
+
+
+def mjcf(body: str = "", joint: str = "") -> str:
+    return MJCF.format(body=body, joint=joint, turn=" ".join(map(str, TURN.as_quat(scalar_first=True))))
+
+
+@pytest.mark.parametrize("attribute", POSES)
+def test_an_sdf_states_angles_in_degrees_or_as_a_quaternion_too(attribute: str, tmp_path: Path) -> None:
+    """Degrees were read as radians, so the body that was written was turned; four numbers ended in a traceback."""
+    source, target = tmp_path / "arm.sdf", tmp_path / "written.sdf"
+    pose = f"<pose{attribute}>{CENTER_M} 0 0 {' '.join(map(str, POSES[attribute]))}</pose>"
+    source.write_text(
+        f"<sdf version='1.9'><model name='m'><link name='a'><inertial><mass>{MASS_KG}</mass>{pose}<inertia>"
+        + "".join(f"<{symbol}>{value}</{symbol}>" for symbol, value in zip(("ixx", "iyy", "izz"), MOMENTS, strict=True))
+        + "</inertia></inertial></link><joint name='q' type='revolute'><parent>world</parent><child>a</child></joint>"
+        "</model></sdf>"
+    )
+    write_sdf_changes(source, target, ADDED)
+    inertia = ElementTree.parse(target).getroot().find(".//inertia")
+    assert inertia is not None
+    found = [float(inertia.findtext(symbol, "0")) for symbol in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+    np.testing.assert_allclose(found, with_the_point()[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], atol=1e-12)
+
+
+def test_a_body_of_an_mjcf_need_not_have_a_name(tmp_path: Path) -> None:
+    """It ended in a KeyError."""
+    source, target = tmp_path / "arm.xml", tmp_path / "written.xml"
+    source.write_text(mjcf(joint=' name="q"'))
+    write_mjcf_changes(source, target, ADDED)
+    body = mujoco.MjModel.from_xml_path(str(target)).body(1)
+    axes = Rotation.from_quat(body.iquat, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(axes @ np.diag(body.inertia) @ axes.T, with_the_point(), atol=1e-6)
+
+
+def test_an_mjcf_whose_joints_have_no_names_is_refused_for_that(tmp_path: Path) -> None:
+    """It was said to have one movable joint."""
+    source, robot = tmp_path / "arm.xml", tmp_path / "arm.urdf"
+    source.write_text(mjcf())
+    robot.write_text(
+        "<robot name='r'><link name='w'/><link name='a'/><joint name='q' type='continuous'><parent link='w'/>"
+        "<child link='a'/><axis xyz='0 0 1'/></joint></robot>"
+    )
+    with pytest.raises(ModelFileError, match="joints without a name"):
+        amend(source, [], load_robot(robot), tmp_path / "written.xml")
