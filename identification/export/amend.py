@@ -29,6 +29,7 @@ from identification.export.given_bodies import in_file_base, poses_at_zero
 from identification.physical_parameters import symmetric
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import RobotModel, load_robot
+from identification.robots.joint_units import in_units
 from identification.robots.simulator_models import base_in_file, drake_plant, read_simulator_model
 
 TOLERANCE = 1e-3
@@ -126,10 +127,11 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
                 wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
             offset = next((number for number in item.numbers if number.name == "offset"), None)
             if offset is not None and abs(offset.value) > 1.96 * offset.std:
-                wanted.left.append(
+                said = (
                     f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
                     "file has a place for: apply it as a joint torque."
                 )
+                wanted.left.append(in_units(said, robot.units, (item.joint,)))
         elif item.effect == "rotor_inertia" and has_armature:
             joints = item.joints if item.joint is None else (item.joint,)
             for joint, number in zip(joints, item.numbers, strict=True):

@@ -134,7 +134,8 @@ def _base_by(axes: FloatArray, robot: RobotModel) -> FloatArray:
 
 def _axes_of(jacobians: FloatArray, order: Sequence[int]) -> FloatArray:
     """(n, 3) unit vectors along axes, of Pinocchio's joint Jacobians in the world: what turns, else what moves."""
-    turning, moving = jacobians[3:, order].T, jacobians[:3, order].T
+    columns = jacobians.reshape(6, -1)[:, order]  # Pinocchio hands back (6,) for a robot of one joint
+    turning, moving = columns[3:].T, columns[:3].T
     return np.asarray(np.where(np.linalg.norm(turning, axis=1, keepdims=True) > 0.5, turning, moving))
 
 

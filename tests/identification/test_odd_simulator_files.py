@@ -13,10 +13,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from identification.audit.difference import Difference, Number
+from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.export.amend import amend
 from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes
 from identification.robots import load_robot
+from identification.robots.simulator_models import read_simulator_model
 
 POINT_KG, MASS_KG, CENTER_M, MOMENTS = 2.0, 2.0, 0.1, np.array([0.01, 0.03, 0.035])
 TURN = Rotation.from_euler("xyz", (0.5, -0.3, 0.8))
@@ -79,3 +82,33 @@ def test_an_mjcf_whose_joints_have_no_names_is_refused_for_that(tmp_path: Path) 
     )
     with pytest.raises(ModelFileError, match="joints without a name"):
         amend(source, [], load_robot(robot), tmp_path / "written.xml")
+
+
+ONE_JOINT = """<robot name='one'><link name='w'/><link name='a'><inertial><origin xyz='{at} 0 0'/><mass value='2'/>
+<inertia ixx='0.01' iyy='0.03' izz='0.035' ixy='0' ixz='0' iyz='0'/></inertial></link>
+<joint name='q' type='{kind}'><parent link='w'/><child link='a'/><axis xyz='0 1 0'/>
+<limit lower='-1' upper='1' velocity='1' effort='100'/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("revolute", {"YY_1": 0.05, "MX_1": 0.2, "MZ_1": 0.0}), ("prismatic", {"M_1": 2.0})]
+)
+def test_a_simulators_file_of_one_joint_is_read(kind: str, expected: dict[str, float], tmp_path: Path) -> None:
+    """Every diagnosis of a robot of one joint against a file ended in an IndexError.
+
+    Truth: I + m l² about the axis and m l of a pendulum, the mass of a slide.
+    """
+    file = tmp_path / "one.urdf"
+    file.write_text(ONE_JOINT.format(kind=kind, at=CENTER_M))
+    regressor = BaseRegressor(load_robot(file))
+    values = dict(zip(regressor.names, read_simulator_model(file, regressor), strict=True))
+    assert {name: values[name] for name in expected} == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_constant_force_of_a_slide_is_said_in_newtons(tmp_path: Path) -> None:
+    file = tmp_path / "one.urdf"
+    file.write_text(ONE_JOINT.format(kind="prismatic", at=CENTER_M))
+    numbers = tuple(Number(name, 3.0, 0.1, unit) for name, unit in (("viscous", "N s/m"), ("offset", "N")))
+    friction = Difference("friction_change", 1, None, numbers, 0.9, 100.0, "model", "Friction.")
+    written = amend(file, [friction], load_robot(file), tmp_path / "written.urdf")
+    assert "Joint 1 has a constant force of 3 N, which" in written.left[0]
