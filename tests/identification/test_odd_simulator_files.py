@@ -10,6 +10,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -19,6 +20,7 @@ from identification.errors import ModelFileError
 from identification.export.amend import amend
 from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes
 from identification.robots import load_robot
+from identification.robots.installation import Installation
 from identification.robots.simulator_models import read_simulator_model
 
 POINT_KG, MASS_KG, CENTER_M, MOMENTS = 2.0, 2.0, 0.1, np.array([0.01, 0.03, 0.035])
@@ -112,3 +114,72 @@ def test_a_constant_force_of_a_slide_is_said_in_newtons(tmp_path: Path) -> None:
     friction = Difference("friction_change", 1, None, numbers, 0.9, 100.0, "model", "Friction.")
     written = amend(file, [friction], load_robot(file), tmp_path / "written.urdf")
     assert "Joint 1 has a constant force of 3 N, which" in written.left[0]
+
+
+AXES, STEPS, HELD = ("0 0 1", "0 1 0", "1 0 0"), ("0 0 0.2", "0.1 0 0.3", "0.4 0 0.1"), 0.7
+BODY = {"urdf": "ixx='0.01' iyy='0.03' izz='0.035' ixy='0' ixz='0' iyz='0'", "mjcf": "0.01 0.03 0.035"}
+
+
+def arm_of_three(form: str, *, on_a_table: bool = False) -> str:
+    """Three joints j0, j1, j2 with a body of 2 kg, 0.1 m from each, in one of three formats."""
+    links, joints, nested = "", "", ""
+    for joint, (axis, step) in enumerate(zip(AXES, STEPS, strict=True)):
+        carrier = f"l{joint - 1}" if joint else "w"
+        if form == "urdf":
+            links += f"<link name='l{joint}'><inertial><origin xyz='{CENTER_M} 0 0'/><mass value='{MASS_KG}'/>"
+            links += f"<inertia {BODY['urdf']}/></inertial></link>"
+            joints += f"<joint name='j{joint}' type='continuous'><parent link='{carrier}'/><child link='l{joint}'/>"
+            joints += f"<origin xyz='{step}'/><axis xyz='{axis}'/></joint>"
+        elif form == "sdf":
+            at = f" relative_to='{carrier}'" if joint else ""
+            links += f"<link name='l{joint}'><pose{at}>{step} 0 0 0</pose><inertial><pose>{CENTER_M} 0 0 0 0 0</pose>"
+            links += f"<mass>{MASS_KG}</mass><inertia><ixx>0.01</ixx><iyy>0.03</iyy><izz>0.035</izz></inertia>"
+            links += "</inertial></link>"
+            joints += f"<joint name='j{joint}' type='revolute'><parent>{carrier if joint else 'world'}</parent>"
+            joints += f"<child>l{joint}</child><axis><xyz>{axis}</xyz></axis></joint>"
+        else:
+            nested += f"<body pos='{step}'><joint name='j{joint}' axis='{axis}'/>"
+            nested += f"<inertial pos='{CENTER_M} 0 0' mass='{MASS_KG}' diaginertia='{BODY['mjcf']}'/>"
+    if form == "urdf":
+        if on_a_table:
+            joints += "<joint name='f' type='fixed'><parent link='world'/><child link='w'/>"
+            joints += "<origin xyz='0.3 -0.2 0.8' rpy='0 0 0.5'/></joint>"
+            links += "<link name='world'/>"
+        return f"<robot name='three'><link name='w'/>{links}{joints}</robot>"
+    if form == "sdf":
+        pose = "<pose>0.3 -0.2 0.8 0 0 0.5</pose>" if on_a_table else ""
+        return f"<sdf version='1.9'><model name='three'>{pose}{links}{joints}</model></sdf>"
+    table = "pos='0.3 -0.2 0.8' euler='0 0 0.5'" if on_a_table else ""
+    return f"<mujoco><compiler angle='radian'/><worldbody><body {table}>{nested}{4 * '</body>'}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize("on_a_table", [False, True])
+@pytest.mark.parametrize(("form", "suffix"), [("urdf", "urdf"), ("mjcf", "xml"), ("sdf", "sdf")])
+def test_a_held_joint_and_the_base_stand_in_the_file_as_they_do(
+    form: str, suffix: str, on_a_table: bool, tmp_path: Path
+) -> None:
+    """A held joint stood at zero there: "zero positions, axes, lengths or gravity are others" was said of the robot's
+    own file. A base beside the origin of the file's world ended in "internal error: the file's frames are others".
+
+    Truth: Pinocchio's inverse dynamics of the whole arm with the joint at 0.7 rad, and 2 kg at the last link's origin.
+    """
+    description, file, target = tmp_path / "arm.urdf", tmp_path / f"given.{suffix}", tmp_path / f"written.{suffix}"
+    description.write_text(arm_of_three("urdf"))
+    file.write_text(arm_of_three(form, on_a_table=on_a_table))
+    robot = load_robot(description, Installation(locked_joints=(("j1", HELD),)))
+    numbers = [Number("mass", POINT_KG, 0.01, "kg"), *(Number(f"com_{axis}", 0.0, 0.01, "m") for axis in "xyz")]
+    load = Difference("payload", None, robot.n, tuple(numbers), 0.9, 100.0, "model", "A load.")
+    assert amend(file, [load], robot, target).written == ("A load.",)
+    whole = pinocchio.buildModelFromUrdf(str(description))
+    regressor, data = BaseRegressor(robot), whole.createData()
+    random = np.random.default_rng(3)
+    for path in (file, target):
+        values = read_simulator_model(path, regressor)
+        for _ in range(5):
+            q, dq, ddq = random.uniform(-1.5, 1.5, (3, 2))
+            state = pinocchio.integrate(whole, pinocchio.neutral(whole), np.array([q[0], HELD, q[1]]))
+            expected = pinocchio.rnea(whole, data, state, *(np.array([each[0], 0.0, each[1]]) for each in (dq, ddq)))
+            found = regressor.matrix(q[None], dq[None], ddq[None])[0] @ values
+            np.testing.assert_allclose(found, expected[[0, 2]], atol=1e-4)
+        whole.appendBodyToJoint(3, pinocchio.Inertia(POINT_KG, np.zeros(3), np.zeros((3, 3))), pinocchio.SE3.Identity())
+        data = whole.createData()
