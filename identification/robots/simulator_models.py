@@ -327,8 +327,8 @@ def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any]]:
     indices = plant.GetJointIndices(instances[0])
     if not any(joint.findtext("parent", "").strip() == "world" for joint in root.iter("joint")):
         carried = {plant.get_joint(index).child_body().index() for index in indices}
-        base = next(index for index in plant.GetBodyIndices(instances[0]) if index not in carried)
-        plant.WeldFrames(plant.world_frame(), plant.get_body(base).body_frame())
+        base = plant.get_body(next(index for index in plant.GetBodyIndices(instances[0]) if index not in carried))
+        plant.WeldFrames(plant.world_frame(), base.body_frame(), plant.GetDefaultFloatingBaseBodyPose(base))
     plant.Finalize()
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instances[0])]
     return plant, [joint for joint in joints if joint.num_velocities() == 1]

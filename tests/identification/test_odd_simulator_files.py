@@ -19,9 +19,11 @@ from identification.base_parameters import BaseRegressor
 from identification.errors import ModelFileError
 from identification.export.amend import amend
 from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes
+from identification.export.write_back import write_back
 from identification.robots import load_robot
 from identification.robots.installation import Installation
 from identification.robots.simulator_models import read_simulator_model
+from tests.identification.synthetic import fourier_motion, recording_of
 
 POINT_KG, MASS_KG, CENTER_M, MOMENTS = 2.0, 2.0, 0.1, np.array([0.01, 0.03, 0.035])
 TURN = Rotation.from_euler("xyz", (0.5, -0.3, 0.8))
@@ -131,11 +133,12 @@ def arm_of_three(form: str, *, on_a_table: bool = False) -> str:
             joints += f"<joint name='j{joint}' type='continuous'><parent link='{carrier}'/><child link='l{joint}'/>"
             joints += f"<origin xyz='{step}'/><axis xyz='{axis}'/></joint>"
         elif form == "sdf":
-            at = f" relative_to='{carrier}'" if joint else ""
+            carrier = carrier if joint or on_a_table else "world"
+            at = "" if carrier == "world" else f" relative_to='{carrier}'"
             links += f"<link name='l{joint}'><pose{at}>{step} 0 0 0</pose><inertial><pose>{CENTER_M} 0 0 0 0 0</pose>"
             links += f"<mass>{MASS_KG}</mass><inertia><ixx>0.01</ixx><iyy>0.03</iyy><izz>0.035</izz></inertia>"
             links += "</inertial></link>"
-            joints += f"<joint name='j{joint}' type='revolute'><parent>{carrier if joint else 'world'}</parent>"
+            joints += f"<joint name='j{joint}' type='revolute'><parent>{carrier}</parent>"
             joints += f"<child>l{joint}</child><axis><xyz>{axis}</xyz></axis></joint>"
         else:
             nested += f"<body pos='{step}'><joint name='j{joint}' axis='{axis}'/>"
@@ -147,7 +150,7 @@ def arm_of_three(form: str, *, on_a_table: bool = False) -> str:
             links += "<link name='world'/>"
         return f"<robot name='three'><link name='w'/>{links}{joints}</robot>"
     if form == "sdf":
-        pose = "<pose>0.3 -0.2 0.8 0 0 0.5</pose>" if on_a_table else ""
+        pose = "<pose>0.3 -0.2 0.8 0 0 0.5</pose><link name='w'/>" if on_a_table else ""
         return f"<sdf version='1.9'><model name='three'>{pose}{links}{joints}</model></sdf>"
     table = "pos='0.3 -0.2 0.8' euler='0 0 0.5'" if on_a_table else ""
     return f"<mujoco><compiler angle='radian'/><worldbody><body {table}>{nested}{4 * '</body>'}</worldbody></mujoco>"
@@ -183,3 +186,52 @@ def test_a_held_joint_and_the_base_stand_in_the_file_as_they_do(
             np.testing.assert_allclose(found, expected[[0, 2]], atol=1e-4)
         whole.appendBodyToJoint(3, pinocchio.Inertia(POINT_KG, np.zeros(3), np.zeros((3, 3))), pinocchio.SE3.Identity())
         data = whole.createData()
+
+
+LEANS = Rotation.from_euler("xy", (0.25, -0.15)).inv().apply((0.0, 0.0, -9.81))
+
+
+def lean() -> Difference:
+    numbers = [Number(f"gravity_{axis}", value, 0.01, "m/s^2") for axis, value in zip("xyz", LEANS, strict=True)]
+    numbers.insert(0, Number("angle", float(np.arccos(-LEANS[2] / 9.81)), 0.001, "rad"))
+    return Difference("base_tilt", None, None, tuple(numbers), 0.9, 100.0, "model", "Leans.")
+
+
+def test_an_sdf_that_stands_turned_leans_as_it_was_found(tmp_path: Path) -> None:
+    """The pose that the model had was not looked at, and stayed below the lean: another direction of gravity.
+
+    Truth: gravity in the frame of a base is Rᵀ g, with R of the pose.
+    """
+    description, file, target = tmp_path / "arm.urdf", tmp_path / "given.sdf", tmp_path / "written.sdf"
+    description.write_text(arm_of_three("urdf"))
+    file.write_text(arm_of_three("sdf", on_a_table=True))
+    amend(file, [lean()], load_robot(description), target)
+    pose = np.array((ElementTree.parse(target).getroot().findtext("model/pose") or "").split(), dtype=np.float64)
+    felt = Rotation.from_euler("xyz", pose[3:]).inv().apply((0.0, 0.0, -9.81))
+    np.testing.assert_allclose(felt, LEANS, atol=1e-9)
+
+
+def test_friction_of_a_vertical_joint_is_read_off_beside_the_weight_that_leans(tmp_path: Path) -> None:
+    """Base parameters on a level base have no first moment about a vertical axis; what it weighs where the base leans
+    was taken for friction and offset.
+
+    Truth: Pinocchio's inverse dynamics under gravity that leans, and friction of 0.5 Nm and 0.3 Nm s/rad.
+    """
+    file, target = tmp_path / "arm.urdf", tmp_path / "written.urdf"
+    file.write_text(arm_of_three("urdf"))
+    whole = pinocchio.buildModelFromUrdf(str(file))
+    whole.gravity.linear = LEANS
+    data = whole.createData()
+    states = fourier_motion(3, period_s=10.0, samples=2000, seed=2)
+    torque = np.array([
+        pinocchio.rnea(whole, data, pinocchio.integrate(whole, pinocchio.neutral(whole), q), dq, ddq)
+        for q, dq, ddq in zip(*states, strict=True)
+    ])  # fmt: skip
+    torque += 0.3 * states[1] + 0.5 * np.tanh(states[1] / 0.01)
+    torque += 0.01 * np.random.default_rng(1).standard_normal(torque.shape)
+    recording = recording_of(states[0], torque, period_s=10.0, robot=str(file))
+    written = write_back([recording], load_robot(file), file, [lean()], target)
+    dynamics = ElementTree.parse(target).getroot().find("joint[@name='j0']/dynamics")
+    assert dynamics is not None
+    assert float(dynamics.get("friction", 0.0)) == pytest.approx(0.5, abs=0.05)
+    assert written.rms(written.after).max() < 0.1
