@@ -35,6 +35,7 @@ FEW_DIGITS = 1e-3
 BESIDE_BODIES = {
     "qfrc_spring": "springs (stiffness)",
     "qfrc_gravcomp": "gravity compensation (gravcomp)",
+    "qfrc_damper": "damping that is no viscous friction of one joint (of a tendon, or polynomial)",
     "qfrc_fluid": "a fluid (density, viscosity)",
     "qfrc_constraint": "constraints (equality)",
 }
@@ -235,6 +236,8 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
         torque(*state)
         for name in largest:
             force = np.where(by_actuator & (name == "qfrc_gravcomp"), 0.0, getattr(data, name)[order])
+            if name == "qfrc_damper":
+                force = force + model.dof_damping[order] * state[1]
             largest[name] = max(largest[name], float(np.abs(force).max()))
     found = [BESIDE_BODIES[name] for name, value in largest.items() if value > least]
     return f"the file also has {' and '.join(found)}. Take them out of a copy." if found else ""

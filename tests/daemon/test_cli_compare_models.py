@@ -136,6 +136,12 @@ def test_a_model_of_another_arm_has_no_line_and_says_why(
     [
         ('<joint name="A2"', '<joint name="A2" stiffness="20"', "the file also has springs (stiffness)"),
         (
+            "</worldbody>",
+            '</worldbody><tendon><fixed damping="2"><joint joint="A2" coef="1"/><joint joint="A3" coef="1"/></fixed>'
+            "</tendon>",
+            "damping that is no viscous friction of one joint",
+        ),
+        (
             '<body name="link_7"',
             '<body name="link_7" gravcomp="1"',
             "the file also has gravity compensation (gravcomp)",
