@@ -130,6 +130,11 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
                     f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
                     "file has a place for: apply it as a joint torque."
                 )
+                if any(each.link is not None for each in differences):
+                    said = (
+                        f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, or so much is left of the "
+                        "weight of the body that was written, whose numbers have intervals: not written."
+                    )
                 wanted.left.append(in_units(said, robot.units, (item.joint,)))
         elif item.effect == "rotor_inertia" and has_armature:
             joints = item.joints if item.joint is None else (item.joint,)

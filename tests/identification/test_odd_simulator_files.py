@@ -235,3 +235,16 @@ def test_friction_of_a_vertical_joint_is_read_off_beside_the_weight_that_leans(t
     assert dynamics is not None
     assert float(dynamics.get("friction", 0.0)) == pytest.approx(0.5, abs=0.05)
     assert written.rms(written.after).max() < 0.1
+
+
+def test_what_is_left_of_the_weight_of_a_load_is_not_said_to_be_a_constant_torque(tmp_path: Path) -> None:
+    """Beside a load of 1.71 ± 0.68 kg for 1.8 kg it was advised to apply -0.44 Nm that no joint had."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(arm_of_three("urdf"))
+    load = Difference("payload", None, 3, (Number("mass", 1.7, 0.3, "kg"),), 0.9, 100.0, "model", "A load.")
+    friction = Difference("friction_change", 2, None, (Number("offset", -0.4, 0.01, "Nm"),), 0.9, 9.0, "model", "F.")
+    alone, beside = (
+        amend(file, found, load_robot(file), tmp_path / "written.urdf").left for found in ([friction], [load, friction])
+    )
+    assert "apply it as a joint torque" in alone[0]
+    assert "or so much is left of the weight of the body" in beside[0]
