@@ -122,15 +122,18 @@ def diagnose(
             settings=DiagnosisSettings(split=split, low_pass_hz=low_pass_hz),
             progress=show,
         )
-    written = None
+    in_words = told_in_words(result.diagnosis.to_json(), json_file)
+    if in_words:
+        show_diagnosis(result.diagnosis)
+        data_lines(f"Written to {file}" for file in result.files)
+    # Last: where a file cannot be changed, what was found is said all the same.
     if write_model is not None and model is not None and result.diagnosis.audit is not None:
         found, reading = result.diagnosis.audit.differences, result.diagnosis.reading
         written = write_model_back(recordings, inputs.robot, model, found, write_model, reading)
-    if told_in_words(result.diagnosis.to_json(), json_file):
-        show_diagnosis(result.diagnosis)
-        if written is not None:
-            data_lines(f"Model: {line}" for line in written.lines)
-        data_lines(f"Written to {file}" for file in (*result.files, *(() if written is None else written.files)))
+        if in_words:
+            data_lines(
+                (*(f"Model: {line}" for line in written.lines), *(f"Written to {file}" for file in written.files))
+            )
 
 
 def _refuse_as_target(target: Path, model: Path | None) -> None:

@@ -44,7 +44,8 @@ def difference_of(step: Step, found: Found, first: SetUp, last: SetUp, source: s
         case "rotor_inertia" if joint is None:
             numbers, joints = _rotors(hypothesis, found.values, std, robot)
             each = ", ".join(with_interval(item) for item in numbers)
-            text = f"{source} has no rotor inertias: those of joints {', '.join(map(str, joints))} are {each}"
+            those, are = ("those of joints", "are") if len(joints) > 1 else ("that of joint", "is")
+            text = f"{source} has no rotor inertias: {those} {', '.join(map(str, joints))} {are} {each}"
         case "rotor_inertia":
             numbers = _drive(hypothesis, found.values, std, slides)
             text = f"The rotor inertia of joint {joint} is larger by {with_interval(numbers[0])}"

@@ -25,11 +25,12 @@ from identification.export.amended_files import (
     write_sdf_changes,
     write_urdf_changes,
 )
-from identification.export.given_bodies import in_file_base, poses_at_zero
+from identification.export.given_bodies import in_file_base, load_as_held, poses_at_zero
 from identification.physical_parameters import symmetric
 from identification.regressor import INERTIAL_SYMBOLS
-from identification.robots import RobotModel, load_robot
-from identification.robots.simulator_models import base_in_file, drake_plant, read_simulator_model
+from identification.robots import Kinematics, RobotModel
+from identification.robots.joint_units import in_units
+from identification.robots.simulator_models import base_in_file, drake_plant, drake_rest, read_simulator_model
 
 TOLERANCE = 1e-3
 """Of the torque's size: what is read back has to be what was meant."""
@@ -70,11 +71,10 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     if source.suffix.lower() != target.suffix.lower():
         raise ModelFileError.at(target, f"a changed model keeps its format; give a name that ends in {source.suffix}.")
     wanted = _wanted(differences, robot, has_armature=kind == "mujoco")
-    names, poses = _frames(source, kind, robot)
+    names, poses, points = _frames(source, kind, robot)
     filed = in_file_base(robot).kinematics
-    stands = np.eye(4)
-    stands[:3, :3] = base_in_file(source, robot)
-    ours = stands @ poses_at_zero(filed)
+    turn = base_in_file(source, robot)
+    ours = _base_in_world(turn, filed, points) @ poses_at_zero(filed)
     bodies = {
         names[link]: (move := np.linalg.solve(poses[link], ours[link])) @ body @ move.T
         for link, body in wanted.bodies.items()
@@ -94,9 +94,9 @@ def amend(source: Path, differences: Sequence[Difference], robot: RobotModel, ta
     if wanted.gravity is not None:
         gravity = wanted.gravity
         # The base of a built-in arm's table is turned against that of a file.
-        base = stands[:3, :3] @ filed.rotation[0] @ robot.kinematics.rotation[0].T
+        base = turn @ filed.rotation[0] @ robot.kinematics.rotation[0].T
         found, stated = base @ gravity, base @ robot.gravity
-        if not np.array_equal(stands, np.eye(4)):
+        if not np.array_equal(turn, np.eye(3)):
             # A base that hangs turned in the file does so in a world where gravity points down.
             stated = np.array([0.0, 0.0, -float(np.linalg.norm(gravity))])
         write(source, target, replace(changes, turn=_turn(found, stated), gravity=found))
@@ -126,10 +126,16 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
                 wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
             offset = next((number for number in item.numbers if number.name == "offset"), None)
             if offset is not None and abs(offset.value) > 1.96 * offset.std:
-                wanted.left.append(
+                said = (
                     f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
                     "file has a place for: apply it as a joint torque."
                 )
+                if any(each.link is not None for each in differences):
+                    said = (
+                        f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, or so much is left of the "
+                        "weight of the body that was written, whose numbers have intervals: not written."
+                    )
+                wanted.left.append(in_units(said, robot.units, (item.joint,)))
         elif item.effect == "rotor_inertia" and has_armature:
             joints = item.joints if item.joint is None else (item.joint,)
             for joint, number in zip(joints, item.numbers, strict=True):
@@ -159,47 +165,71 @@ def _body(numbers: dict[str, float], link: int, robot: RobotModel) -> FloatArray
     return moment_matrix(mass, moment, symmetric(np.array([numbers.get(name, 0.0) for name in _TENSOR])))
 
 
-def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list[FloatArray]]:
-    """Names of the file's joints in the robot's order, and the (4, 4) pose of each one's link at zero."""
+_Frames = dict[str, tuple[FloatArray, FloatArray]]
+"""Joint's name → (4, 4) pose of its link and (3,) a point on its axis, both at zero in the world of a file."""
+
+
+def _frames(source: Path, kind: str, robot: RobotModel) -> tuple[list[str], list[FloatArray], FloatArray]:
+    """Names of the file's joints in the robot's order, poses of their links, and points (n, 3) on their axes."""
     if kind == "robot":
-        given = load_robot(source)
-        found = dict(zip(given.joint_names, poses_at_zero(given.kinematics), strict=True))
+        given = load_as_held(source, robot)
+        poses = poses_at_zero(given.kinematics)
+        found: _Frames = dict(zip(given.joint_names, zip(poses, poses[:, :3, 3], strict=True), strict=True))
     elif kind == "mujoco":
-        found = _mujoco_frames(source)
+        found = _mujoco_frames(source, robot)
     else:
-        found = _drake_frames(source)
+        found = _drake_frames(source, robot)
     names = list(robot.joint_names) if all(name in found for name in robot.joint_names) else list(found)
     if len(names) != robot.n:
         raise ModelFileError.at(source, f"has {len(found)} movable joints, {robot.name} has {robot.n}.")
-    return names, [found[name] for name in names]
+    return names, [found[name][0] for name in names], np.array([found[name][1] for name in names])
 
 
-def _mujoco_frames(source: Path) -> dict[str, FloatArray]:
+def _base_in_world(turn: FloatArray, filed: Kinematics, points: FloatArray) -> FloatArray:
+    """(4, 4) pose of the robot's base in the world of a file: so turned, and so placed that the axes are those there.
+
+    points: (n, 3) m on them. Axes are lines, so a point counts across its own only. Where they leave a direction open,
+    no torque depends on it.
+    """
+    ours, base = poses_at_zero(filed), np.eye(4)
+    axes = np.einsum("ij,njk,nk->ni", turn, ours[:, :3, :3], filed.axis)[filed.revolute]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    off = (points - ours[:, :3, 3] @ turn.T)[filed.revolute]
+    base[:3, :3] = turn
+    base[:3, 3] = np.linalg.lstsq(across.reshape(-1, 3), np.einsum("nij,nj->ni", across, off).ravel(), rcond=None)[0]
+    return base
+
+
+def _mujoco_frames(source: Path, robot: RobotModel) -> _Frames:
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(source))
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     moving = [joint for joint in range(model.njnt) if model.jnt_type[joint] >= int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    held = dict(robot.locked_joints)
     for joint in moving:
-        data.qpos[model.jnt_qposadr[joint]] = 0.0
+        data.qpos[model.jnt_qposadr[joint]] = held.get(model.joint(joint).name, 0.0)
     mujoco.mj_kinematics(model, data)
-    found = {}
+    found: _Frames = {}
     for joint in moving:
+        if not model.joint(joint).name:
+            raise ModelFileError.at(source, "it has joints without a name, so what differs cannot be written to them.")
         body = model.jnt_bodyid[joint]
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
-        found[model.joint(joint).name] = pose
+        found[model.joint(joint).name] = pose, np.array(data.xanchor[joint])
     return found
 
 
-def _drake_frames(source: Path) -> dict[str, FloatArray]:
-    plant, joints, base = drake_plant(source, ElementTree.parse(source).getroot())
+def _drake_frames(source: Path, robot: RobotModel) -> _Frames:
+    plant, joints = drake_plant(source, ElementTree.parse(source).getroot())
     context = plant.CreateDefaultContext()
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    plant.SetPositions(context, drake_rest(plant, joints, robot))
     return {
-        joint.name(): np.asarray(
-            joint.child_body().body_frame().CalcPose(context, base.body_frame()).GetAsMatrix4(), dtype=np.float64
+        joint.name(): (
+            np.asarray(joint.child_body().body_frame().CalcPoseInWorld(context).GetAsMatrix4(), dtype=np.float64),
+            np.asarray(joint.frame_on_child().CalcPoseInWorld(context).translation(), dtype=np.float64),
         )
         for joint in joints
     }

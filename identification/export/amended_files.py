@@ -190,12 +190,12 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
     compiled = spec.compile()
     for joint, added in changes.bodies.items():
         body = spec.joint(joint).parent
-        own = compiled.body(body.name)
+        own = compiled.body(body.id)  # a body of MJCF need not have a name
         axes = np.zeros(9)
         mujoco.mju_quat2Mat(axes, own.iquat)
         frame = axes.reshape(3, 3)
         whole = added + _pseudo(float(own.mass[0]), own.ipos, frame @ np.diag(own.inertia) @ frame.T)
-        mass_kg, center, tensor = _central(whole, body.name, source)
+        mass_kg, center, tensor = _central(whole, body.name or f"moved by {joint}", source)
         moments, vectors = np.linalg.eigh(tensor)
         vectors[:, 2] *= np.sign(np.linalg.det(vectors))
         turn = np.zeros(4)

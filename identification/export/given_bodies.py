@@ -17,6 +17,8 @@ from identification.estimators.prior import BodyPrior, prior_of_bodies
 from identification.export.kinematic_urdf import arm_without_inertias
 from identification.export.xml_text import document
 from identification.robots import Kinematics, RobotModel, load_robot, robot_from_urdf
+from identification.robots.installation import Installation
+from identification.robots.simulator_models import held_in
 
 _LARGEST_ANGLE = 0.01
 """rad between the axes of one joint in both descriptions; files print right angles with three to five digits."""
@@ -28,10 +30,11 @@ _ORDER = (0, 1, 2, 3, 4, 5, 7, 6, 8, 9)
 def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
     """Bodies stated by a URDF for a robot: joints matched in order, or by name where the file has more.
 
-    Further joints of the file stand at zero, their bodies belong to the link that carries them. Raises RobotError where
-    the file states no masses or one below zero, lacks joints, or has one of them in another place.
+    Further joints of the file stand as the robot holds them, else at zero, their bodies belong to the link that carries
+    them. Raises RobotError where the file states no masses or one below zero, lacks joints, or has one of them in
+    another place.
     """
-    given = load_robot(file)
+    given = load_as_held(file, robot)
     ours = in_file_base(robot)
     matched = _matched(given, ours, Path(file))
     here, there = poses_at_zero(ours.kinematics), poses_at_zero(given.kinematics)
@@ -57,6 +60,12 @@ def given_bodies(file: str | Path, robot: RobotModel) -> BodyPrior:
     if not inertial[:, 0].any():
         raise RobotError(f"{file} states no masses; a prior needs them.", file=file, field="inertial")
     return prior_of_bodies(inertial, robot.kinematics, f"bodies of {Path(file).name}")
+
+
+def load_as_held(file: str | Path, robot: RobotModel) -> RobotModel:
+    """The robot of a URDF with those of its joints held that the given robot holds, too. Raises RobotError."""
+    held = held_in(load_robot(file).joint_names, robot)
+    return load_robot(file, Installation(locked_joints=tuple(held.items())))
 
 
 def in_file_base(robot: RobotModel) -> RobotModel:

@@ -88,21 +88,24 @@ def write_back(
     rows = _put_right(given, [item for item in differences if reading is None or item.effect != "inverted_torque_sign"])
     geometry = Geometry(robot, rows)
     amended = amend(source, differences, robot, target)
-    before, after = (read_simulator_model(source, regressor), _values(amended, source, differences, robot, regressor))
+    before = read_simulator_model(source, regressor)
+    # A base that leans weighs first moments about a vertical axis, which base parameters on a level one do not have.
+    there = BaseRegressor(replace(robot, gravity=amended.gravity), RegressorOptions(rotor_inertia=True))
+    after = _values(amended, source, differences, robot, there)
     if not any(item.effect == "friction_change" for item in differences):
-        left = rows.torque - foretold(geometry, regressor, after, amended.gravity)
+        left = rows.torque - foretold(geometry, there, after, amended.gravity)
         own = [
-            np.array([after[regressor.names.index(f"{symbol}_{joint}")] for joint in range(1, robot.n + 1)])
+            np.array([after[there.names.index(f"{symbol}_{joint}")] for joint in range(1, robot.n + 1)])
             for symbol in ("FV", "FS")
         ]
         found = lacking_friction(geometry, left, own[0], own[1], source.name)
         if found:
             differences = [*differences, *found]
             amended = amend(source, differences, robot, target)
-            after = _values(amended, source, differences, robot, regressor)
+            after = _values(amended, source, differences, robot, there)
     return WrittenBack(
         amended, source.name, rows.torque, foretold(geometry, regressor, before),
-        foretold(geometry, regressor, after, amended.gravity), rows.used, rows.spacing_s, robot.units,
+        foretold(geometry, there, after, amended.gravity), rows.used, rows.spacing_s, robot.units,
         rows is not given or (reading is not None and reading.is_other),
     )  # fmt: skip
 

@@ -41,9 +41,19 @@ def place(xyz: str | None, rpy: str | None) -> pinocchio.SE3:
 
 
 def sdf_pose(element: ElementTree.Element) -> pinocchio.SE3:
-    """The pose that an element's <pose> of SDF states; the identity where absent."""
-    words = (element.findtext("pose") or "").split()
-    return place(" ".join(words[:3]), " ".join(words[3:]))
+    """The pose that an element's <pose> of SDF states, its rotation as angles or as a quaternion x y z w; the identity
+    where absent.
+    """
+    stated = element.find("pose")
+    if stated is None:
+        return pinocchio.SE3.Identity()
+    values = np.array([float(word) for word in (stated.text or "0 0 0 0 0 0").split()])
+    if stated.get("rotation_format") == "quat_xyzw":
+        turn = pinocchio.Quaternion(values[3:]).normalized().toRotationMatrix()
+    else:
+        in_degrees = stated.get("degrees") in ("true", "1")
+        turn = pinocchio.rpy.rpyToMatrix(np.deg2rad(values[3:]) if in_degrees else values[3:])
+    return pinocchio.SE3(turn, values[:3])
 
 
 def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ FEW_DIGITS = 1e-3
 BESIDE_BODIES = {
     "qfrc_spring": "springs (stiffness)",
     "qfrc_gravcomp": "gravity compensation (gravcomp)",
+    "qfrc_damper": "damping that is no viscous friction of one joint (of a tendon, or polynomial)",
     "qfrc_fluid": "a fluid (density, viscosity)",
     "qfrc_constraint": "constraints (equality)",
 }
@@ -134,7 +135,8 @@ def _base_by(axes: FloatArray, robot: RobotModel) -> FloatArray:
 
 def _axes_of(jacobians: FloatArray, order: Sequence[int]) -> FloatArray:
     """(n, 3) unit vectors along axes, of Pinocchio's joint Jacobians in the world: what turns, else what moves."""
-    turning, moving = jacobians[3:, order].T, jacobians[:3, order].T
+    columns = jacobians.reshape(6, -1)[:, order]  # Pinocchio hands back (6,) for a robot of one joint
+    turning, moving = columns[3:].T, columns[:3].T
     return np.asarray(np.where(np.linalg.norm(turning, axis=1, keepdims=True) > 0.5, turning, moving))
 
 
@@ -147,12 +149,21 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
     raise RobotError.at(path, f"has {len(names)} movable joints, {robot.name} has {robot.n}.")
 
 
+def held_in(names: Collection[str], robot: RobotModel) -> dict[str, float]:
+    """Those of the joints that the robot holds still that a file has too, with where they stand, rad (m)."""
+    return {name: position for name, position in robot.locked_joints if name in names}
+
+
 def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
     refuse_xacro(root, path)
     model = parsed_urdf(text_of(path), bodies=True)
     names = list(model.names)[1:]
     order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
-    jacobians = pinocchio.computeJointJacobians(model, model.createData(), pinocchio.neutral(model))
+    rest = np.zeros(model.nv)
+    for name, position in held_in(names, robot).items():
+        rest[model.joints[names.index(name) + 1].idx_v] = position
+    stand = pinocchio.integrate(model, pinocchio.neutral(model), rest)
+    jacobians = pinocchio.computeJointJacobians(model, model.createData(), stand)
     base = _base_by(_axes_of(jacobians, order), robot)
     model.gravity.linear = base @ robot.gravity_in_files
     massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
@@ -173,7 +184,7 @@ def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> t
 
     rotors = _drake_rotors(root)
     rotor = np.array([rotors.get(names[place], 0.0) for place in _chosen(path, names, robot)])
-    rigid = pinocchio_torque(model, order)
+    rigid = pinocchio_torque(model, order, rest)
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         return np.asarray(rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq) + rotor * ddq, dtype=np.float64)
@@ -197,12 +208,15 @@ def _drake_rotors(root: ElementTree.Element) -> dict[str, float]:
     return found
 
 
-def pinocchio_torque(model: pinocchio.Model, order: Sequence[int]) -> InverseDynamics:
-    """Inverse dynamics of the rigid bodies. order: places of the robot's joints among the model's velocities."""
+def pinocchio_torque(model: pinocchio.Model, order: Sequence[int], rest: FloatArray | float = 0.0) -> InverseDynamics:
+    """Inverse dynamics of the rigid bodies. order: places of the robot's joints among the model's velocities. rest:
+    (nv,) rad (m), where the others stand.
+    """
     data = model.createData()
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         state = np.zeros((3, model.nv))
+        state[0] = rest
         state[:, order] = q, dq, ddq
         # A continuous joint has two position numbers there: reach it from zero.
         position = pinocchio.integrate(model, pinocchio.neutral(model), state[0])
@@ -222,6 +236,8 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
         torque(*state)
         for name in largest:
             force = np.where(by_actuator & (name == "qfrc_gravcomp"), 0.0, getattr(data, name)[order])
+            if name == "qfrc_damper":
+                force = force + model.dof_damping[order] * state[1]
             largest[name] = max(largest[name], float(np.abs(force).max()))
     found = [BESIDE_BODIES[name] for name, value in largest.items() if value > least]
     return f"the file also has {' and '.join(found)}. Take them out of a copy." if found else ""
@@ -245,6 +261,8 @@ def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray,
     )
 
     data.qpos[position] = 0.0
+    for name, stands in held_in([model.joint(joint).name for joint in joints], robot).items():
+        data.qpos[model.joint(name).qposadr] = stands
     mujoco.mj_kinematics(model, data)
     base = _base_by(data.xaxis[[joints[place] for place in places]], robot)
     model.opt.gravity[:] = base @ robot.gravity_in_files
@@ -261,15 +279,16 @@ def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple
     if importlib.util.find_spec("pydrake") is None:
         raise RobotError.at(path, "SDF is read by Drake, which is not installed (pip install drake).")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
-    plant, joints, _ = drake_plant(path, root)
+    plant, joints = drake_plant(path, root)
+    rest = drake_rest(plant, joints, robot)
     joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
     order = [joint.velocity_start() for joint in joints]
-    base = _base_by(_drake_axes(plant, joints), robot)
+    base = _base_by(_drake_axes(plant, joints, rest), robot)
     plant.mutable_gravity_field().set_gravity_vector(base @ robot.gravity_in_files)
     dry = {item.get("name"): float(item.findtext("axis/dynamics/friction") or 0.0) for item in root.iter("joint")}
     friction = np.array([dry.get(joint.name(), 0.0) for joint in joints])
 
-    rigid = drake_torque(plant, order)
+    rigid = drake_torque(plant, order, rest)
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         return np.asarray(rigid(q, dq, ddq) + friction * np.sign(dq), dtype=np.float64)
@@ -277,12 +296,20 @@ def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple
     return torque, base
 
 
-def _drake_axes(plant: Any, joints: Sequence[Any]) -> FloatArray:
+def drake_rest(plant: Any, joints: Sequence[Any], robot: RobotModel) -> FloatArray:
+    """(nq,) positions of a plant, rad (m), with the robot's held joints where they stand and all others at zero."""
+    rest, places = np.zeros(plant.num_positions()), {joint.name(): joint.position_start() for joint in joints}
+    for name, position in held_in(places, robot).items():
+        rest[places[name]] = position
+    return rest
+
+
+def _drake_axes(plant: Any, joints: Sequence[Any], rest: FloatArray) -> FloatArray:
     """(n, 3) as `_axes_of`."""
     from pydrake.multibody.tree import JacobianWrtVariable
 
     context, world = plant.CreateDefaultContext(), plant.world_frame()
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    plant.SetPositions(context, rest)
     columns = []
     for joint in joints:
         body = joint.child_body().body_frame()
@@ -291,8 +318,8 @@ def _drake_axes(plant: Any, joints: Sequence[Any]) -> FloatArray:
     return _axes_of(np.stack(columns, axis=1), list(range(len(joints))))
 
 
-def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any], Any]:
-    """The model of a file with this root, its movable joints, and the link that is welded to the world."""
+def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any]]:
+    """The model of a file with this root, welded to the world where no joint of its own holds it, and what moves."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
 
@@ -300,25 +327,25 @@ def drake_plant(path: Path, root: ElementTree.Element) -> tuple[Any, list[Any], 
     instances = Parser(plant).AddModels(path)
     if len(instances) != 1:
         raise RobotError.at(path, f"it holds {len(instances)} models; give a file with the arm alone.")
-    instance = instances[0]
-    carried = {plant.get_joint(index).child_body().index() for index in plant.GetJointIndices(instance)}
-    bodies = [index for index in plant.GetBodyIndices(instance) if index not in carried]
-    base = plant.get_body(bodies[0] if bodies else plant.GetBodyIndices(instance)[0])
-    if not any(joint.get("type") == "fixed" and joint.findtext("parent") == "world" for joint in root.iter("joint")):
-        plant.WeldFrames(plant.world_frame(), base.body_frame())
+    indices = plant.GetJointIndices(instances[0])
+    if not any(joint.findtext("parent", "").strip() == "world" for joint in root.iter("joint")):
+        carried = {plant.get_joint(index).child_body().index() for index in indices}
+        base = plant.get_body(next(index for index in plant.GetBodyIndices(instances[0]) if index not in carried))
+        plant.WeldFrames(plant.world_frame(), base.body_frame(), plant.GetDefaultFloatingBaseBodyPose(base))
     plant.Finalize()
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
-    return plant, [joint for joint in joints if joint.num_velocities() == 1], base
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instances[0])]
+    return plant, [joint for joint in joints if joint.num_velocities() == 1]
 
 
-def drake_torque(plant: Any, order: Sequence[int]) -> InverseDynamics:
-    """Inverse dynamics of a plant, damping and rotor inertia included. order: as for `pinocchio_torque`."""
+def drake_torque(plant: Any, order: Sequence[int], rest: FloatArray | float = 0.0) -> InverseDynamics:
+    """Inverse dynamics of a plant, damping and rotor inertia included. order, rest: as for `pinocchio_torque`."""
     from pydrake.multibody.tree import MultibodyForces_
 
     context = plant.CreateDefaultContext()
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         state = np.zeros((3, plant.num_velocities()))
+        state[0] = rest
         state[:, order] = q, dq, ddq
         plant.SetPositions(context, state[0])
         plant.SetVelocities(context, state[1])

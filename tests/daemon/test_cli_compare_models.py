@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,12 @@ def test_a_model_of_another_arm_has_no_line_and_says_why(
     [
         ('<joint name="A2"', '<joint name="A2" stiffness="20"', "the file also has springs (stiffness)"),
         (
+            "</worldbody>",
+            '</worldbody><tendon><fixed damping="2"><joint joint="A2" coef="1"/><joint joint="A3" coef="1"/></fixed>'
+            "</tendon>",
+            "damping that is no viscous friction of one joint",
+        ),
+        (
             '<body name="link_7"',
             '<body name="link_7" gravcomp="1"',
             "the file also has gravity compensation (gravcomp)",
@@ -201,6 +208,21 @@ def test_what_was_found_is_written_into_the_simulators_file(folder: Path, tmp_pa
     moments = [regressor.names.index(name) for name in ("MX_7", "MY_7")]
     assert np.abs((before - true)[moments]).min() > 0.04
     np.testing.assert_allclose(after[moments], true[moments], atol=0.002)
+
+
+def test_what_was_found_is_said_where_the_file_cannot_be_changed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The whole diagnosis went with it: one line said that joints have no names, and the exit code was 65."""
+    nameless = tmp_path / "nameless.xml"
+    given = re.sub(r'<joint name="[^"]*"', "<joint", (folder / "true.xml").read_text())
+    nameless.write_text(given.partition("<actuator")[0] + "</mujoco>")
+    words = ["--model", nameless, "--write-model", tmp_path / "written.xml", "--out", tmp_path / "out"]
+    assert run("diagnose", folder / "log.npz", *words) == 65
+    said = capsys.readouterr()
+    assert "Set-up: nameless.xml holds as well as any rigid body" in said.out
+    assert f"Written to {tmp_path / 'out' / 'diagnosis.json'}" in said.out
+    assert "joints without a name" in said.err
 
 
 @pytest.mark.parametrize(
