@@ -40,8 +40,6 @@ DRIVE = 0.3
 
 SLOW = 1e-3
 """rad/s, rad/s² that a joint is taken to move by at least."""
-WEIGHS = 3.0
-"""Deviations that a load's mass must be from zero: a first moment alone is no load."""
 WIDEST = 20.0
 """Sizes of the arm's mean link that a load may have; more is no load of this arm."""
 
