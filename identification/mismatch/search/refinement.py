@@ -237,5 +237,7 @@ def _best_near(
         asked.append(at(backward(place)))
         return -asked[-1][0]
 
-    minimize_scalar(loss, bounds=bounds, options={"maxiter": STEPS, "xatol": SLOPE * (bounds[1] - bounds[0])})
+    # Infinitely bad is a value that no rows can be had for; no parabola goes through it.
+    with np.errstate(invalid="ignore"):
+        minimize_scalar(loss, bounds=bounds, options={"maxiter": STEPS, "xatol": SLOPE * (bounds[1] - bounds[0])})
     return max(asked, key=lambda item: item[0])
