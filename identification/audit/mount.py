@@ -229,7 +229,7 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
         return None
     everything = Directions.of(geometry, rows.torque)
     factor, mean = wide_open(sizes), np.zeros(len(sizes.each))
-    gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
+    gravity, std = stated, sizes.first_noise
     weight = 1.0 / (REPEATED * std**2)
     for _ in range(TURNS):
         # Weighted by what is left, the next direction may be another one.

@@ -102,7 +102,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
-    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    std = sizes.first_noise
     products, weight, every = _fitted(runs, columns, width, std)
     own = _body_on(last.link, robot.n)
     found = weighted_by_odds(products, weight, width, np.arange(own.start, own.stop))
