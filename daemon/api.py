@@ -11,9 +11,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from daemon.amplitude import amplitude_reason
-from daemon.endpoints import is_ipv4
 from daemon.errors import ConfigurationError
+from daemon.ranges import reason_against
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM
 
 LoopOutcome = Literal[
@@ -43,8 +42,6 @@ RUN_NAME, REPORT_NAME, LAST_SAMPLES_NAME = "run.json", "loop_report.json", "last
 """Files in the folder of a run: its account, the loop's report, the seconds around an end that was not planned."""
 AUTO_VERSION = "auto"
 """In place of an FRI version: the supervisor listens to the robot first."""
-FEWEST_RING_SLOTS, MOST_RING_SLOTS = 1024, 2**19
-"""Of 2 kB each: the most are 1 GB, nine minutes that the recorder may be late at 1 kHz."""
 FitPipeline = Literal["auto", "periodic", "paper", "aperiodic"]
 _FitPhase = Literal["queued", "loading", "averaging", "fitting", "validating", "writing"]
 WorkerPhase = _FitPhase | Literal["diagnosing", "done", "failed"]
@@ -128,35 +125,9 @@ class RunRequest(Message, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError naming the first field that cannot be right."""
-        if self.periods < 1:
-            raise ConfigurationError(f"{self.periods} periods asked for; at least 1 is needed.", field="periods")
-        if not 0 <= self.bind_port <= 65535:
-            raise ConfigurationError(f"{self.bind_port} is not a UDP port (0 to 65535).", field="bind_port")
-        if (wrong := amplitude_reason(self.amplitude)) is not None:
-            raise ConfigurationError(wrong, field="amplitude")
-        for field, host in (("bind_host", self.bind_host), ("robot_host", self.robot_host)):
-            if host is not None and not is_ipv4(host):
-                raise ConfigurationError(f"'{host}' is no IPv4 address, such as 192.170.10.2.", field=field)
-        for field in ("table_period_s", "receive_timeout_s", "start_timeout_s", "command_timeout_s"):
-            value = getattr(self, field)
-            if value is not None and not 0.0 < value < float("inf"):
-                raise ConfigurationError(f"{value} must be a positive number of seconds.", field=field)
-        limits = self.external_torque_limit
-        if limits is not None and (len(limits) != 7 or not all(0.0 < limit < float("inf") for limit in limits)):
-            raise ConfigurationError(f"{limits} is not 7 positive torques in Nm.", field="external_torque_limit")
-        if not 0.0 <= self.lead_in_s < float("inf"):
-            raise ConfigurationError(f"{self.lead_in_s:g} s is negative or no number.", field="lead_in_s")
-        if (reason := ring_slots_reason(self.ring_slots)) is not None:
-            raise ConfigurationError(reason, field="ring_slots")
-
-
-def ring_slots_reason(slots: int) -> str | None:
-    """Why a hand-over ring cannot have so many slots, or None. Far more are all of a machine's memory; fewer than a
-    second's are full before the recorder, which frees them four times a second, comes round.
-    """
-    if not FEWEST_RING_SLOTS <= slots <= MOST_RING_SLOTS:
-        return f"{slots} slots are not between {FEWEST_RING_SLOTS} and {MOST_RING_SLOTS}."
-    return None
+        for name in self.__struct_fields__:
+            if (reason := reason_against(name, getattr(self, name))) is not None:
+                raise ConfigurationError(reason, field=name)
 
 
 class RecorderJob(Message, frozen=True, kw_only=True):

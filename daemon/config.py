@@ -22,29 +22,22 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
-from daemon.amplitude import amplitude_reason
-from daemon.api import AUTO_VERSION, FitPipeline, ring_slots_reason
-from daemon.endpoints import endpoint_reason, is_ipv4
+from daemon.api import AUTO_VERSION, FitPipeline
+from daemon.endpoints import endpoint_reason
 from daemon.errors import ConfigurationError
 from daemon.json_files import read_bytes
+from daemon.ranges import reason_against
 from fri_client.errors import UnknownFriVersion
 from fri_client.messages import FriVersion
 from safety.errors import LimitsError
 from safety.limits import EXTERNAL_TORQUE_THRESHOLD_NM, limits_for
 
 MAXIMUM_BYTES = 1_000_000
-
-LONGEST_SILENCE_S = 60.0
-LONGEST_LEAD_IN_S = 60.0
-FARTHEST_FROM_MEASURED_RAD = 0.5
-LARGEST_TORQUE_NM = 400.0
-"""Beyond these a number is meant in ms, degrees or mNm, and would switch the protection off that it is to set."""
 
 _Settings = TypeVar("_Settings", bound=msgspec.Struct)
 
@@ -294,7 +287,7 @@ def _key_in(text: str) -> str | None:
 
 
 def _check(config: DaemonConfig, file: str) -> None:
-    fri, run, realtime = config.fri, config.run, config.realtime
+    fri, run = config.fri, config.run
 
     def refuse(field: str, reason: str) -> ConfigurationError:
         return ConfigurationError(reason, file=file, field=field)
@@ -314,19 +307,10 @@ def _check(config: DaemonConfig, file: str) -> None:
         parse_version(fri.version)
     except UnknownFriVersion as error:
         raise refuse("fri.version", str(error)) from error
-    for field, host in (("fri.bind_host", fri.bind_host), ("fri.robot_host", fri.robot_host)):
-        if host is not None and not is_ipv4(host):
-            raise refuse(field, f"'{host}' is no IPv4 address.")
-    if not 0 <= fri.bind_port <= 65535:
-        raise refuse("fri.bind_port", f"{fri.bind_port} is not a UDP port (0 to 65535).")
-    for name in ("receive_timeout_s", "start_timeout_s", "command_timeout_s"):
-        value = getattr(fri, name)
-        if value is not None and not 0.0 < value < float("inf"):
-            raise refuse(f"fri.{name}", f"{value:g} must be a positive number of seconds.")
-    if fri.receive_timeout_s is not None and fri.receive_timeout_s > LONGEST_SILENCE_S:
-        raise refuse(
-            "fri.receive_timeout_s", f"{fri.receive_timeout_s:g} s of silence are too many ({LONGEST_SILENCE_S:g} s)."
-        )
+    for section in ("fri", "run", "realtime"):
+        for name, value in msgspec.structs.asdict(getattr(config, section)).items():
+            if (wrong := reason_against(name, value)) is not None:
+                raise refuse(f"{section}.{name}", wrong)
     if fri.robot_host is None and not config.is_simulation:
         raise refuse(
             "fri.robot_host",
@@ -339,35 +323,6 @@ def _check(config: DaemonConfig, file: str) -> None:
         reason = endpoint_reason(config.control.endpoint, with_keys=config.control.server_key is not None)
         if reason:
             raise refuse("control.endpoint", reason)
-    _check_run(run, refuse)
-    if not 0 <= realtime.priority <= 90:
-        raise refuse(
-            "realtime.priority", f"{realtime.priority} is outside 0 to 90; above 90 starves the kernel's threads."
-        )
-    if realtime.cpu is not None and realtime.cpu < 0:
-        raise refuse("realtime.cpu", f"{realtime.cpu} is no processor; the first is 0.")
-    if (slots := ring_slots_reason(realtime.ring_slots)) is not None:
-        raise refuse("realtime.ring_slots", slots)
-
-
-def _check_run(run: RunSettings, refuse: Callable[[str, str], ConfigurationError]) -> None:
-    if run.periods < 1:
-        raise refuse("run.periods", f"{run.periods} periods asked for; at least 1 is needed.")
-    if (wrong := amplitude_reason(run.amplitude)) is not None:
-        raise refuse("run.amplitude", wrong)
-    if not 0.0 <= run.lead_in_s <= LONGEST_LEAD_IN_S:
-        raise refuse("run.lead_in_s", f"{run.lead_in_s:g} s is outside 0 to {LONGEST_LEAD_IN_S:g} s.")
-    if not 0.0 < run.maximum_distance_to_measured <= FARTHEST_FROM_MEASURED_RAD:
-        raise refuse(
-            "run.maximum_distance_to_measured",
-            f"{run.maximum_distance_to_measured:g} rad is no distance of 0 to {FARTHEST_FROM_MEASURED_RAD:g} rad.",
-        )
-    limits = run.external_torque_limit
-    if limits is not None and (len(limits) != 7 or not all(0.0 < limit <= LARGEST_TORQUE_NM for limit in limits)):
-        raise refuse(
-            "run.external_torque_limit",
-            f"7 positive torques of at most {LARGEST_TORQUE_NM:g} Nm are needed, not {list(limits)}.",
-        )
     if run.gravity_m_s2 is not None:
         from identification.errors import RobotError
         from identification.robots.installation import Installation

@@ -50,14 +50,8 @@ class RecorderFailed(Message, frozen=True, kw_only=True, tag="recorder_failed"):
 
 ControlMessage: TypeAlias = RecorderReady | RecorderProgress | RecorderFinished | RecorderTrouble | RecorderFailed
 
-_encoder = msgspec.json.Encoder()
 _control_decoder: msgspec.json.Decoder[ControlMessage] = msgspec.json.Decoder(ControlMessage)
 MAXIMUM_CONTROL_BYTES = 65536
-
-
-def encode_control(message: ControlMessage) -> bytes:
-    """JSON bytes of a control message, with its tag."""
-    return _encoder.encode(message)
 
 
 def decode_control(data: bytes) -> ControlMessage:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, evenly
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
@@ -315,7 +315,7 @@ def states_of(stretches: Sequence[ProcessedSignals]) -> tuple[FloatArray, FloatA
     q, dq, ddq = (
         np.concatenate([getattr(item, name) for item in stretches]) for name in ("position", "velocity", "acceleration")
     )
-    chosen = np.linspace(0, len(q) - 1, min(MOST_STATES, len(q))).astype(int)
+    chosen = evenly(len(q), MOST_STATES)
     return q[chosen], dq[chosen], ddq[chosen]
 
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.app import app
 from daemon.cli.inputs import GravityOption, MountOption, installation_of
 from daemon.cli.output import JsonOption, data, data_lines, message, show_table, told_in_words
 from daemon.cli.protection import not_a_recording
+from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 
 if TYPE_CHECKING:
     from daemon.motion.preparation import PreparedMotion

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.acquisition import (
     ModelOption,
     RobotOption,
@@ -32,6 +31,7 @@ from daemon.cli.protection import folder_to_write, not_a_recording
 from daemon.cli.questions import agreed
 from daemon.cli.run_view import run_shown
 from daemon.errors import ConfigurationError, MissingInputError
+from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.words import counted
 
 if TYPE_CHECKING:

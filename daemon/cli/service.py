@@ -14,7 +14,6 @@ from typing import Annotated, TypeVar
 import msgspec
 import typer
 
-from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.cli.app import app
 from daemon.cli.inputs import ArmOption, settings_of
 from daemon.cli.operator_actions import AddedMassOption, AfterDropOption, DoneOption, SettleOption, YesOption, mass_of
@@ -23,6 +22,7 @@ from daemon.cli.output import JsonOption, data, data_lines, message, told_in_wor
 from daemon.cli.questions import agreed
 from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
+from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.words import counted
 
 ConfigOption = Annotated[

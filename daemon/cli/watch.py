@@ -185,12 +185,12 @@ def _follow_once(subscription: LiveSubscription, watcher: Watcher) -> None:
 
 
 def _write_frames(subscription: LiveSubscription, stream: TextIO) -> None:
-    from daemon.live.frame import encode_frame
+    import msgspec
 
     ended = False
     while not ended:
         for frame in _frames(subscription):
-            stream.write(encode_frame(frame).decode() + "\n")
+            stream.write(msgspec.json.encode(frame).decode() + "\n")
             ended = frame.ended
         stream.flush()
 

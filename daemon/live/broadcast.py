@@ -12,11 +12,12 @@ import sys
 import time
 from typing import Any
 
+import msgspec
 import numpy as np
 import zmq
 
 from daemon.api import RunRequest
-from daemon.live.frame import FRAME_S, LiveFrame, Seven, encode_frame
+from daemon.live.frame import FRAME_S, LiveFrame, Seven
 from daemon.runtime_folder import live_endpoint
 from fri_client.handover.motion_phase import MotionPhase
 from fri_client.handover.ring import Disposition, HandoverRecord, HandoverRing
@@ -162,7 +163,7 @@ class LiveBroadcast:
         self._next_quiet = time.monotonic() + QUIET_S
         if self._socket is not None:
             with contextlib.suppress(zmq.ZMQError):
-                self._socket.send(encode_frame(frame), zmq.NOBLOCK)
+                self._socket.send(msgspec.json.encode(frame), zmq.NOBLOCK)
 
 
 def _rows_of(table_file: str) -> int:

@@ -51,17 +51,3 @@ class LiveFrame(LiveState, frozen=True, kw_only=True):
     table_period_s: float = 0.001
     event: str = ""
     ended: bool = False
-
-
-_encoder = msgspec.json.Encoder()
-_decoder = msgspec.json.Decoder(LiveFrame)
-
-
-def encode_frame(frame: LiveFrame) -> bytes:
-    """JSON bytes."""
-    return _encoder.encode(frame)
-
-
-def decode_frame(data: bytes) -> LiveFrame:
-    """The frame behind the bytes. Raises msgspec.DecodeError."""
-    return _decoder.decode(data)

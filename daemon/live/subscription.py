@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import zmq
 
-from daemon.live.frame import LiveFrame, decode_frame
+from daemon.live.frame import LiveFrame
 from daemon.runtime_folder import live_endpoint, runtime_folder
 
 _FRAMES_KEPT = 200
@@ -61,7 +61,7 @@ class LiveSubscription:
             except zmq.Again:
                 break
             with contextlib.suppress(msgspec.DecodeError):
-                frames.append(decode_frame(data))
+                frames.append(msgspec.json.decode(data, type=LiveFrame))
         return frames
 
     def close(self) -> None:

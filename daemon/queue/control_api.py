@@ -13,10 +13,10 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from daemon.amplitude import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 from daemon.api import Message
 from daemon.errors import DaemonError
 from daemon.motion.tool import FARTHEST_M, HEAVIEST_KG
+from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
 
 API_VERSION = 1
 MAXIMUM_REQUEST_BYTES = 8 * 1024 * 1024
@@ -247,16 +247,10 @@ class _Header(msgspec.Struct):
     api: int | None = None
 
 
-_encoder = msgspec.json.Encoder()
 _header_decoder = msgspec.json.Decoder(_Header)
 _request_decoder: msgspec.json.Decoder[ControlRequest] = msgspec.json.Decoder(ControlRequest)
 _reply_decoder: msgspec.json.Decoder[ControlReply] = msgspec.json.Decoder(ControlReply)
 _UNREADABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-
-
-def encode(message: ControlRequest | ControlReply) -> bytes:
-    """JSON bytes, with the tag and the version."""
-    return _encoder.encode(message)
 
 
 def require_length(data: bytes) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
@@ -139,7 +140,7 @@ class ControlSocket:
     def reply(self, address: list[bytes], message: api.ControlReply) -> None:
         """Answer, if anybody still waits for it; never waits."""
         with contextlib.suppress(zmq.ZMQError):
-            self._socket.send_multipart([*address, api.encode(message)], zmq.NOBLOCK)
+            self._socket.send_multipart([*address, msgspec.json.encode(message)], zmq.NOBLOCK)
 
     def close(self) -> None:
         """Close the socket; its file goes with it."""
@@ -181,7 +182,7 @@ def ask(
     """
     if (key_file is None) != (server_key_file is None):
         raise ConfigurationError("Both keys are needed: the client's secret one and the service's public one.")
-    data = api.encode(request)
+    data = msgspec.json.encode(request)
     api.require_length(data)
     if endpoint.startswith("ipc://") and not _is_served(endpoint.removeprefix("ipc://")):
         raise ServiceUnreachableError(endpoint, 0.0)

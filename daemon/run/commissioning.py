@@ -18,7 +18,8 @@ from pathlib import Path
 import msgspec
 
 from daemon.api import RunOutcome, RunRequest
-from daemon.errors import ConfigurationError, DaemonError, LadderError, LogIOError, MissingInputError, TooFastForT1Error
+from daemon.errors import ConfigurationError, DaemonError, LadderError, LogIOError, TooFastForT1Error
+from daemon.json_files import read_bytes
 from daemon.motion.tip_speed import T1_SPEED_M_S, rounded_up, tip_speed
 from daemon.motion.workspace import load_surroundings
 from daemon.run.ladder import highest_allowed, needs_ladder
@@ -47,9 +48,7 @@ def rung_of(request: RunRequest) -> Rung:
     file = Path(request.trajectory_file)
     try:
         # Parsed and written anew: two files of the same motion are the same motion, whatever their layout.
-        content = json.dumps(json.loads(file.read_bytes()), sort_keys=True).encode()
-    except FileNotFoundError as error:
-        raise MissingInputError(str(file), "trajectory") from error
+        content = json.dumps(json.loads(read_bytes(file, "trajectory")), sort_keys=True).encode()
     except ValueError as error:
         raise ConfigurationError(f"is no JSON: {error}.", file=str(file), field="trajectory_file") from error
     return Rung(

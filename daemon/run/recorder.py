@@ -25,6 +25,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import zmq
 
 from daemon.api import EXIT_CODES, REPORT_NAME, RUN_NAME, LoopReport, RecorderJob, RunRequest
@@ -36,7 +37,6 @@ from daemon.control_messages import (
     RecorderProgress,
     RecorderReady,
     RecorderTrouble,
-    encode_control,
 )
 from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json
@@ -343,7 +343,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     def report(message: ControlMessage) -> None:
         with contextlib.suppress(zmq.Again):  # also where there is no endpoint, and so nobody to tell
-            socket.send(encode_control(message), zmq.NOBLOCK)
+            socket.send(msgspec.json.encode(message), zmq.NOBLOCK)
 
     try:
         job, ring = read_json(options.request, RecorderJob), HandoverRing.attach(options.ring_fd)

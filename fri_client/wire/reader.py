@@ -97,16 +97,10 @@ def _actions(row: Field, slot: int, message: str, version: FriVersion) -> list[t
             return [(LENGTH_DELIMITED, _text_action(row, slot, message))]
         case Kind.GROUP:
             return [(LENGTH_DELIMITED, _group_action(row, slot, message, version))]
-        case Kind.INT32_LIST:
-            return [
-                (VARINT, _integer_element_action(row, slot, message)),
-                (LENGTH_DELIMITED, _packed_integers_action(row, slot, message)),
-            ]
-        case Kind.DOUBLE_LIST:
-            return [
-                (FIXED64, _double_element_action(row, slot, message)),
-                (LENGTH_DELIMITED, _packed_doubles_action(row, slot, message)),
-            ]
+        case Kind.INT32_LIST | Kind.DOUBLE_LIST:
+            single, read = (VARINT, _read_int32) if row.kind is Kind.INT32_LIST else (FIXED64, _read_double)
+            actions = _element_action(row, slot, message, read), _packed_action(row, slot, message, read)
+            return list(zip((single, LENGTH_DELIMITED), actions, strict=True))
         case Kind.JOINT_VALUES | Kind.VECTOR:
             return [(LENGTH_DELIMITED, _doubles_message_action(row, slot, message))]
 
@@ -137,10 +131,8 @@ def _integer_action(slot: int, message: str, convert: Callable[[int], int]) -> A
 
 def _double_action(slot: int, message: str) -> Action:
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
-        if position + 8 > end:
-            raise TruncatedMessage(message=message, offset=end)
-        (slots[slot],) = _DOUBLE.unpack_from(data, position)
-        return position + 8
+        slots[slot], position = _read_double(data, position, end, message)
+        return position
 
     return action
 
@@ -178,49 +170,40 @@ def _group_action(row: Field, slot: int, message: str, version: FriVersion) -> A
     return action
 
 
-def _integer_element_action(row: Field, slot: int, message: str) -> Action:
+Read = Callable[[bytes, int, int, str], tuple[Any, int]]
+"""(data, position, end, message) -> a number and the position after it."""
+
+
+def _read_int32(data: bytes, position: int, end: int, message: str) -> tuple[int, int]:
+    value, position = read_varint(data, position, end, message)
+    return _to_int32(value), position
+
+
+def _read_double(data: bytes, position: int, end: int, message: str) -> tuple[float, int]:
+    if position + 8 > end:
+        raise TruncatedMessage(message=message, offset=end)
+    return _DOUBLE.unpack_from(data, position)[0], position + 8
+
+
+def _element_action(row: Field, slot: int, message: str, read: Read) -> Action:
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
-        value, position = read_varint(data, position, end, message)
+        value, position = read(data, position, end, message)
         check_count(row, message, len(slots[slot]) + 1)
-        slots[slot] = (*slots[slot], _to_int32(value))
+        slots[slot] = (*slots[slot], value)
         return position
 
     return action
 
 
-def _packed_integers_action(row: Field, slot: int, message: str) -> Action:
+def _packed_action(row: Field, slot: int, message: str, read: Read) -> Action:
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
         position, stop = read_length(data, position, end, message)
         values = list(slots[slot])
         while position < stop:
-            value, position = read_varint(data, position, stop, message)
-            values.append(_to_int32(value))
+            value, position = read(data, position, stop, message)
+            values.append(value)
         check_count(row, message, len(values))
         slots[slot] = tuple(values)
-        return stop
-
-    return action
-
-
-def _double_element_action(row: Field, slot: int, message: str) -> Action:
-    def action(data: bytes, position: int, end: int, slots: Slots) -> int:
-        if position + 8 > end:
-            raise TruncatedMessage(message=message, offset=end)
-        check_count(row, message, len(slots[slot]) + 1)
-        slots[slot] = (*slots[slot], *_DOUBLE.unpack_from(data, position))
-        return position + 8
-
-    return action
-
-
-def _packed_doubles_action(row: Field, slot: int, message: str) -> Action:
-    def action(data: bytes, position: int, end: int, slots: Slots) -> int:
-        start, stop = read_length(data, position, end, message)
-        count, remainder = divmod(stop - start, 8)
-        if remainder:
-            raise TruncatedMessage(message=message, offset=stop)
-        check_count(row, message, len(slots[slot]) + count)
-        slots[slot] = (*slots[slot], *struct.unpack_from(f"<{count}d", data, start))
         return stop
 
     return action
@@ -231,8 +214,8 @@ def _doubles_message_action(row: Field, slot: int, message: str) -> Action:
     exact = row.kind is Kind.JOINT_VALUES
     inner = "JointValues" if exact else "CartesianVector"
     element = Field(1, "value" if exact else "element", Kind.DOUBLE_LIST, Rule.REPEATED, row.versions, 10_000)
-    single = _double_element_action(element, 0, inner)
-    packed = _packed_doubles_action(element, 0, inner)
+    single = _element_action(element, 0, inner, _read_double)
+    packed = _packed_action(element, 0, inner, _read_double)
 
     def action(data: bytes, position: int, end: int, slots: Slots) -> int:
         start, stop = read_length(data, position, end, message)

@@ -13,6 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.audit.rows import Rows
 from identification.regressor import INERTIAL_SYMBOLS, rigid_body_columns, torque_regressor
+from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import RobotModel
 
 SYMBOLS = (*INERTIAL_SYMBOLS, "FV", "FS", "OFF", "IA")
@@ -20,7 +21,7 @@ PARAMETERS = len(SYMBOLS)
 INERTIAL = len(INERTIAL_SYMBOLS)
 HEAVY = 4
 """Of them the mass and the first moments feel gravity."""
-GRAVITY = 9.81
+GRAVITY = -STANDARD_GRAVITY[2]
 _ZERO_STEP = 1e-4
 
 

@@ -122,7 +122,7 @@ def noise_of(
         widths = np.concatenate([widths, np.ones(beside.shape[2])])
     everything = products_of(columns, measured, rows.used, np.zeros_like(rows.block), 1)
     factor = np.diag(widths)
-    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    std = sizes.first_noise
     left = measured
     for _ in range(3):
         gram, right = everything.summed((0,), 1.0 / std**2)

@@ -24,9 +24,7 @@ from identification.audit.rows import MOTION, REPEATED, Rows, rows_of
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
-FIRST = 0.1
-"""Of its torque, what is taken to be left of a joint before anything is known; a joint out of its place leaves more."""
-_TURNS = 2
+TURNS = 2
 """In which the noise that an order of joints leaves and its parameters settle."""
 
 
@@ -96,8 +94,8 @@ class Stated:
 
     def left_by(self, other: Directions) -> FloatArray:
         """(n,) Nm RMS that free parameters leave of rows read in another way."""
-        std = np.maximum(FIRST * self.sizes.torque, 1e-9)
-        for _ in range(_TURNS):
+        std = self.sizes.first_noise
+        for _ in range(TURNS):
             std = np.maximum(other.left(self.gravity, 1.0 / std**2, self.factor), self.sizes.least_noise)
         return std
 

@@ -38,10 +38,10 @@ DRIVE = 0.3
 """Of the torque's standard deviation that is a joint's own friction, where nobody knows."""
 
 
+FIRST = 0.1
+"""Of its torque, what is taken to be left of a joint before anything is known; a joint out of its place leaves more."""
 SLOW = 1e-3
 """rad/s, rad/s² that a joint is taken to move by at least."""
-WEIGHS = 3.0
-"""Deviations that a load's mass must be from zero: a first moment alone is no load."""
 WIDEST = 20.0
 """Sizes of the arm's mean link that a load may have; more is no load of this arm."""
 
@@ -65,6 +65,11 @@ class Sizes:
         """
         weight = GRAVITY * float(self.mass @ self.length)
         return np.maximum(1e-4 * self.torque, 1e-6 * weight)
+
+    @property
+    def first_noise(self) -> FloatArray:
+        """(n,) Nm, what a residual is weighed by before anything is known."""
+        return np.maximum(FIRST * self.torque, 1e-9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,6 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import Geometry
 from identification.audit.evidence import Products, posterior, products_of
-from identification.audit.exchange import FIRST
 from identification.audit.given import Sizes, sizes_of, wide_open
 from identification.audit.misread import STAYS
 from identification.audit.rows import REPEATED, Rows
@@ -69,7 +68,7 @@ class Asked:
         self, products: Products, widths: FloatArray, parts: tuple[int, ...] = tuple(range(FOLDS))
     ) -> FloatArray:
         """(K,) that explain some folds best, the joints weighed by what they leave."""
-        std, every = np.maximum(FIRST * self.sizes.torque, self.sizes.least_noise), np.arange(len(widths))
+        std, every = np.maximum(self.sizes.first_noise, self.sizes.least_noise), np.arange(len(widths))
         values = np.zeros(len(widths))
         for _ in range(_TURNS):
             gram, right = products.summed(parts, 1.0 / (REPEATED * std**2))

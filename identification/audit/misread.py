@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import FloatArray, IntArray, evenly
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.difference import Difference, Number, with_interval
@@ -136,7 +136,7 @@ def order_by_itself(
     stricter of the two bounds.
     """
     n, sizes = robot.n, sizes_of(robot, rows)
-    chosen = np.unique(np.linspace(0, len(rows.block) - 1, min(ORDER_ROWS, len(rows.block))).astype(int))
+    chosen = evenly(len(rows.block), ORDER_ROWS)
     columns = Geometry(robot, rows).columns(gravity)[chosen]
     fitted = rows.block[chosen] % 2 == 0
     torque = (rows.torque / sizes.torque)[chosen]

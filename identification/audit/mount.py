@@ -14,6 +14,7 @@ from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import LEAST_GAIN, LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
+from identification.audit.exchange import TURNS
 from identification.audit.given import sizes_of, wide_open
 from identification.audit.misread import of_order, order_by_itself
 from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, Rows, rows_of
@@ -37,7 +38,6 @@ WEIGHTLESS = (
     "torque beside the controller's own compensation of gravity, or an external one. Give the measured torque, or add "
     "what was taken off."
 )
-_TURNS = 2
 _SAME_DIRECTION = np.radians(0.5)
 """What is left under two directions so near is the same, and so would be the next direction."""
 
@@ -229,9 +229,9 @@ def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: 
         return None
     everything = Directions.of(geometry, rows.torque)
     factor, mean = wide_open(sizes), np.zeros(len(sizes.each))
-    gravity, std = stated, np.maximum(0.1 * sizes.torque, 1e-9)
+    gravity, std = stated, sizes.first_noise
     weight = 1.0 / (REPEATED * std**2)
-    for _ in range(_TURNS):
+    for _ in range(TURNS):
         # Weighted by what is left, the next direction may be another one.
         before = gravity
         std = np.maximum(everything.left(before, 1.0 / std**2, factor), sizes.least_noise)

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from identification.audit.comparison import LEAST_GAIN
-from identification.audit.exchange import FIRST, Stated
+from identification.audit.exchange import Stated
 from identification.audit.misread import STAYS
 from identification.audit.reading import Columns
 from identification.audit.rows import REPEATED
@@ -58,7 +58,7 @@ def other_order(
     RecordingError for recordings at rest or too short.
     """
     stated = Stated.of(recordings, robot)
-    if stated is None or np.all(stated.left_by(stated.directions) <= FIRST * stated.sizes.torque):
+    if stated is None or np.all(stated.left_by(stated.directions) <= stated.sizes.first_noise):
         return None
     order, best, nats = np.arange(robot.n), stated, _nats(stated)
     for _ in range(robot.n - 1):

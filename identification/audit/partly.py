@@ -85,7 +85,7 @@ def changed_torques(recording: Recording, robot: RobotModel) -> tuple[ChangedTor
     # Rows are in the order of time, in stretches without a gap: time goes by their number.
     bounds = np.searchsorted(part, np.arange(MOMENTS + 1)) / len(part) * recording.duration_s + recording.time[0]
     found: list[ChangedTorque] = []
-    while best := _clearest(sums, [each.joint - 1 for each in found], 0.1 * sizes.torque, sizes.least_noise):
+    while best := _clearest(sums, [each.joint - 1 for each in found], sizes.first_noise, sizes.least_noise):
         joint, moment, form, value, gain = best
         within = float(bounds[moment + 1] - bounds[moment - 1]) / 2.0
         found.append(ChangedTorque(joint + 1, float(bounds[moment]), within, form, value, gain))

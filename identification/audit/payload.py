@@ -21,14 +21,16 @@ from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
 from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
 from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Products, log_evidence, posterior, products_of
-from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WEIGHS, WIDEST, Sizes, sizes_of, wide_open
+from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
 from identification.audit.hypotheses import LOAD_SIZES
 from identification.audit.mount import misplaced
 from identification.audit.otherwise import CHANGING, FILTERED, other_reading
-from identification.audit.rows import LEAST_TRAVEL, Rows, rows_of
+from identification.audit.rows import Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
 from identification.audit.signs import require_stated_signs
 from identification.errors import EstimationError, RecordingError
+from identification.fitting.drives import CLEAR
+from identification.fitting.processing import SMALLEST_MOTION
 from identification.mismatch.settings import CAPTURE
 from identification.physical_parameters import symmetric
 from identification.recordings.independence import refuse_repeated
@@ -100,7 +102,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
-    std = np.maximum(0.1 * sizes.torque, 1e-9)
+    std = sizes.first_noise
     products, weight, every = _fitted(runs, columns, width, std)
     own = _body_on(last.link, robot.n)
     found = weighted_by_odds(products, weight, width, np.arange(own.start, own.stop))
@@ -115,7 +117,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     _refuse_undescribed(*left, load, robot.torque_unit)
     _refuse_two_arms(left, [_left_alone(*side, width, std) for side in zip(runs, columns, strict=True)], load, robot)
     _refuse_elsewhere(runs, columns, sizes, std, robot)
-    if abs(values[0]) < WEIGHS * float(np.sqrt(covariance[0, 0])):
+    if abs(values[0]) < CLEAR * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
             "motion that turns the wrist through its range, without and with the tool."
@@ -215,7 +217,7 @@ def _shows(item: Number) -> bool:
 
 def _of_moving_joints(rows: Rows) -> Rows:
     """Without a joint that never moves: of its weight friction holds any share, another one in each run."""
-    return replace(rows, used=rows.used & (np.ptp(rows.position, axis=0) >= LEAST_TRAVEL))
+    return replace(rows, used=rows.used & (np.ptp(rows.position, axis=0) >= SMALLEST_MOTION))
 
 
 def _columns(robot: RobotModel, rows: Rows, loaded: int) -> FloatArray:

@@ -16,6 +16,7 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.colour import preceded
 from identification.base_parameters import Widths
 from identification.errors import RecordingError
+from identification.fitting.processing import SMALLEST_MOTION
 from identification.recordings.clock import clock_by_velocity
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import process_aperiodic, sixth_order_difference, zero_phase_low_pass
@@ -31,8 +32,6 @@ COULOMB_VELOCITY = 0.02
 """rad/s over which Coulomb friction turns over where a model says nothing, and of a joint that is slow:"""
 SHARE_OF_SPEED = 0.05
 """of its largest speed. The width is a velocity of the joint, and what it takes off friction belongs to no cause."""
-LEAST_TRAVEL = 1e-3
-"""rad (m); a joint that moves less stands still."""
 FEWEST_ROWS = 40
 REPEATED = 4.0
 """Neighbouring rows that count as one where their colour is not asked."""
@@ -139,7 +138,7 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: Widths = 0.0) -> 
     low_pass_hz = band_of(recordings)
     found: list[Rows] = []
     for recording in recordings:
-        if float(np.ptp(recording.position, axis=0).max()) < LEAST_TRAVEL:
+        if float(np.ptp(recording.position, axis=0).max()) < SMALLEST_MOTION:
             raise RecordingError.at(
                 recording.source.path,
                 "no joint moves; a recording of a motion is needed to compare with a model.",

@@ -13,8 +13,8 @@ from identification.arrays import FloatArray
 from identification.audit.basis import DAYS, Explanation
 from identification.audit.columns import PARAMETERS, SetUp
 from identification.audit.comparison import ALL, LEAST_SIGMAS, USED
-from identification.audit.given import WEIGHS
 from identification.audit.hypotheses import Hypothesis, Layout
+from identification.fitting.drives import CLEAR
 from identification.mismatch.settings import MOST
 
 LEAST_GAIN = 6.0
@@ -148,13 +148,13 @@ def _plausible(after: Explanation) -> bool:
     item = after.steps[-1]
     values, covariance = after.deviation_of_last()
     if item.effect == "payload":
-        if int(item.columns[0]) % PARAMETERS != 0 or abs(values[0]) < WEIGHS * np.sqrt(covariance[0, 0]):
+        if int(item.columns[0]) % PARAMETERS != 0 or abs(values[0]) < CLEAR * np.sqrt(covariance[0, 0]):
             return False
         moments = [k for k, column in enumerate(item.columns) if 1 <= int(column) % PARAMETERS <= 3]
         reach = FARTHEST * float(after.sizes.length.max())
         return float(np.linalg.norm(values[moments])) < reach * abs(float(values[0]))
     if item.effect == "rotor_inertia" and item.joint is None:
-        return bool(np.all(values > -WEIGHS * np.sqrt(np.diag(covariance))))
+        return bool(np.all(values > -CLEAR * np.sqrt(np.diag(covariance))))
     if item.effect == "wrong_time_base":
         return SLOWEST < after.comparison.set_up.ratio * float(np.exp(values[0])) < 1.0 / SLOWEST
     return True

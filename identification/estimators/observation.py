@@ -16,7 +16,7 @@ import scipy.linalg
 from identification.arrays import FloatArray, IntArray
 from identification.errors import EstimationError, UndeterminedParametersError
 
-_RANK_TOLERANCE = 1e-10
+RANK_TOLERANCE = 1e-10
 _SMALLEST_RELATIVE_COST = 1e-8
 
 
@@ -181,16 +181,16 @@ def check_rank(triangular: FloatArray, names: tuple[str, ...]) -> None:
     """Raise UndeterminedParametersError, naming the parameters, if columns of the (p, p) factor are dependent."""
     norms = np.linalg.norm(triangular, axis=0)
     largest = norms.max(initial=0.0)
-    zero = norms <= _RANK_TOLERANCE * largest if largest > 0.0 else np.ones(len(names), dtype=np.bool_)
+    zero = norms <= RANK_TOLERANCE * largest if largest > 0.0 else np.ones(len(names), dtype=np.bool_)
     normalised = np.where(zero, 0.0, triangular / np.where(zero, 1.0, norms))
     if not zero.any():
         # The smallest singular value is no less than 1/‖R⁻¹‖, the largest no more than ‖R‖, Frobenius' norms: mostly
         # that proves what the decomposition would show.
         inverse, fault = scipy.linalg.lapack.dtrtri(normalised)
-        if fault == 0 and float(np.linalg.norm(inverse)) * _RANK_TOLERANCE * max(np.sqrt(len(names)), 1.0) < 1.0:
+        if fault == 0 and float(np.linalg.norm(inverse)) * RANK_TOLERANCE * max(np.sqrt(len(names)), 1.0) < 1.0:
             return
     _, singular, right = np.linalg.svd(normalised)
-    null = right[singular <= _RANK_TOLERANCE * max(singular[0], 1.0)]
+    null = right[singular <= RANK_TOLERANCE * max(singular[0], 1.0)]
     if len(null) == 0:
         return
     involved = zero | (np.abs(null).max(axis=0) > 1e-3)

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.regressor import skew
+from identification.regressor import INERTIAL_SYMBOLS, skew
 from identification.robots import Kinematics
 
-PARAMETERS_PER_LINK = 10
-"""M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ: the inertial part of eq. (3), in its order."""
+PARAMETERS_PER_LINK = len(INERTIAL_SYMBOLS)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

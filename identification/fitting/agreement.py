@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from identification.arrays import FloatArray
+from identification.estimators.observation import RANK_TOLERANCE
 from identification.fitting.blocks import Block
 
 APART = 5.0
@@ -19,7 +20,6 @@ LEAST_SHARE = 0.01
 """Of a joint's RMS torque that the common parameters leave; less spoils nothing."""
 ROWS_PER_PARAMETER = 10.0
 """Of a recording, fewer of which its own parameters would follow to their noise."""
-SINGULAR = 1e-10
 
 
 def notes_on_agreement(blocks: Sequence[Block], values: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ def _times_its_own(blocks: Sequence[Block], values: FloatArray) -> FloatArray:
         gram += columns.T @ columns
         right += columns.T @ (block.torque * weight).ravel()
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    own = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=SINGULAR)[0] / scale
+    own = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=RANK_TOLERANCE)[0] / scale
     ratio = np.sqrt(common / np.maximum(_left(blocks, own), 1e-300))
     return np.where(common > LEAST_SHARE**2 * torque, ratio, 0.0)
 

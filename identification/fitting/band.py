@@ -20,6 +20,7 @@ from identification.base_parameters import BaseRegressor, direction_of
 from identification.errors import EstimationError
 from identification.fitting.blocks import Block, RowsOverTime, build_block
 from identification.fitting.estimate import estimate_parameters
+from identification.fitting.processing import SMALLEST_MOTION
 from identification.recordings.recording import Recording
 from identification.signals.aperiodic import motion_cutoff, process_aperiodic, uniform_grid, zero_phase_low_pass
 from identification.signals.periodic import to_lines
@@ -33,8 +34,6 @@ HARMONICS = 10.0
 """The band is never below this multiple of the frequency up to which a joint has that share of its velocity."""
 ABOVE_NOISE = 10.0
 """Times the mean square of the noise that a line of the velocity has: by noise alone one of 20 000 has as much."""
-SMALLEST_MOTION = 1e-3
-"""rad (m); a joint that moves less stands still."""
 NO_PRECISION = 1.01
 """Geometric mean of the parameters' standard deviations, over that of the best band, up to which a band costs none: a
 hundredth is less than a deviation is known to from any residual of less than 5000 independent rows."""

@@ -22,7 +22,8 @@ from identification.base_parameters import BaseRegressor
 from identification.fitting.blocks import Block, shortest_solution
 
 CLEAR = 3.0
-"""Deviations by which an offset stands clear of zero; four of seven do so by chance in 1 of 10⁹ fits."""
+"""Deviations by which an offset, or a load's mass, stands clear of zero; four of seven offsets do by chance in 1 of 10⁹
+fits."""
 FOLDS = 5
 REQUIRED_GAIN = 0.01
 _RELATIVE_CUTOFF = 1e-9

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import DEVIATION_FROM_MEDIAN, FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
 from identification.fitting.blocks import Block, observation, whiten
@@ -24,7 +24,6 @@ from identification.fitting.covariance import coloured_covariance
 from identification.signals.outliers import HUBER_BOUND, unclipped_share
 
 _ROUNDS = 5
-_DEVIATION_FROM_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +101,7 @@ def bound_outliers(blocks: list[Block], values: FloatArray, regressor: BaseRegre
     }
     residuals = {key: item.torque - models[key] for key, item in stretches.items()}
     pooled = np.concatenate(list(residuals.values()))
-    bound = HUBER_BOUND * _DEVIATION_FROM_MEDIAN * np.median(np.abs(pooled), axis=0)
+    bound = HUBER_BOUND * DEVIATION_FROM_MEDIAN * np.median(np.abs(pooled), axis=0)
     share = unclipped_share(pooled, bound)
     return [
         block

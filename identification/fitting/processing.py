@@ -24,6 +24,7 @@ from identification.signals.alike import notes_on_alike, one_of_alike
 from identification.signals.periods import period_table
 
 SMALLEST_MOTION = 1e-3
+"""rad (m); a joint that moves less stands still."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, evenly
 from identification.base_parameters import BaseRegressor
 from identification.json_values import plain
 from identification.regressor import torque_regressor
@@ -93,7 +93,7 @@ def positive_quantities(regressor: BaseRegressor, position: FloatArray, velocity
 
     First each joint's own inertia, then the power its friction takes out, both averaged over a motion (S, n).
     """
-    chosen = np.linspace(0, len(position) - 1, min(MOST_STATES, len(position))).astype(int)
+    chosen = evenly(len(position), MOST_STATES)
     q, dq = position[chosen], velocity[chosen]
     zero = np.zeros_like(q)
     at_rest = regressor.matrix(q, zero, zero)
@@ -135,7 +135,7 @@ def gravity_correlation(robot: RobotModel, position: FloatArray, velocity: Float
     slow = np.flatnonzero(speed <= SLOW_SHARE * speed.max()) if speed.max() > 0.0 else np.arange(len(speed))
     if slow.size < 10:
         slow = np.argsort(speed)[: max(10, len(speed) // 20)]
-    slow = slow[np.linspace(0, slow.size - 1, min(MOST_STATES, slow.size)).astype(int)]
+    slow = slow[evenly(slow.size, MOST_STATES)]
     zero = np.zeros_like(position[slow])
     columns = torque_regressor(robot, position[slow], zero, zero)
     gravity = columns[:, :, ::10].sum(axis=2)

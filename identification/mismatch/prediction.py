@@ -78,6 +78,12 @@ def effects_torque(effects: Sequence[EffectJson], motion: Motion) -> FloatArray:
     return torque
 
 
+def _torque_beside(effects: Sequence[EffectJson], motion: Motion, class_terms: Mapping[str, Any] | None) -> FloatArray:
+    """(K, S, n) Nm of effects and of torque without a name."""
+    torque = effects_torque(effects, motion)
+    return torque if class_terms is None else torque + terms_torque(class_terms, motion)
+
+
 def without_effects(
     recording: Recording,
     effects: Sequence[EffectJson],
@@ -97,9 +103,7 @@ def without_effects(
     torque = recording.torque.copy()
     for evidence in build_evidence(recording, regressor.robot, regressor, DiagnosisSettings(low_pass_hz=low_pass_hz)):
         motion = with_parameters(evidence, regressor, values).motion
-        taken = effects_torque(effects, motion)
-        if class_terms is not None:
-            taken = taken + terms_torque(class_terms, motion)
+        taken = _torque_beside(effects, motion, class_terms)
         if motion.periodic:
             assert recording.period_index is not None
             assert recording.sample_in_period is not None
@@ -259,9 +263,7 @@ def torque_along_recording(
 def _by_time(
     effects: Sequence[EffectJson], motion: Motion, class_terms: Mapping[str, Any] | None
 ) -> Callable[[_Timed], FloatArray]:
-    table = effects_torque(repeatable(effects), motion)[0]
-    if class_terms is not None:
-        table = table + terms_torque(class_terms, motion)
+    table = _torque_beside(repeatable(effects), motion, class_terms)[0]
     step, samples = motion.sampling_period_s, motion.samples
     return lambda state: np.asarray(table[round(state.time_s / step) % samples], dtype=np.float64)
 

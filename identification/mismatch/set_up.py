@@ -13,12 +13,13 @@ from typing import Literal
 
 import numpy as np
 
+from identification.arrays import evenly
 from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.misread import of_order
 from identification.audit.mount import Mounting, excerpt, mounting_of, order_of_torques
 from identification.audit.otherwise import CHANGING, Otherwise, other_readings
 from identification.audit.reading import in_degrees
-from identification.audit.rows import Rows, rows_of
+from identification.audit.rows import WIDEST_HZ, Rows, rows_of
 from identification.audit.turned import misplaced_joints
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
@@ -47,7 +48,6 @@ FAULTS = {
 }
 LATEST_S = 0.005
 """A torque later than this shifts what a fit finds, where it shows."""
-_LOAD_HZ = 8.0
 _LOAD_ROWS = 4000
 
 
@@ -255,12 +255,12 @@ def _load(recordings: Sequence[Recording], robot: RobotModel) -> SetUpCheck:
         return SetUpCheck("load data", "ok", "The recording has no external torque: load data cannot be judged by it.")
     recording = known[0]
     step = recording.sampling_period_s
-    cutoff = min(_LOAD_HZ, 0.1 / step)
+    cutoff = min(WIDEST_HZ, 0.1 / step)
     q = zero_phase_low_pass(recording.position, step, cutoff)
     dq = sixth_order_difference(q, step)
     ddq = sixth_order_difference(dq, step)
     assert recording.external_torque is not None, "chosen above"
-    chosen = np.unique(np.linspace(0, len(q) - 1, min(_LOAD_ROWS, len(q))).astype(int))
+    chosen = evenly(len(q), _LOAD_ROWS)
     external = np.nan_to_num(recording.external_torque[chosen])
     found = unknown_load(robot, q[chosen], dq[chosen], ddq[chosen], external)
     if found is None:

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.arrays import DEVIATION_FROM_MEDIAN, BoolArray, FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.clock import before_a_clock_was_set_back, highest_before_each
 from identification.recordings.held import held_rows, rows_of_a_slower_source, rows_used_again
+from identification.recordings.joint_choice import LARGEST_SHARE_OF_BAD_ROWS
 from identification.recordings.labels import labels_of_a_stated_period, labels_of_the_run
-from identification.recordings.leaps import HIDDEN_GAPS, rows_behind_hidden_gaps
+from identification.recordings.leaps import GAP_FACTOR, HIDDEN_GAPS, rows_behind_hidden_gaps
 from identification.recordings.recording import Finding, ImportReport, Recording, RecordingSource
 from identification.recordings.repetition import unstated_period
 from identification.recordings.row_clock import CROWDED_ROW, crowded, row_clock
@@ -24,8 +25,6 @@ from identification.recordings.table import RawTable
 
 MINIMUM_DURATION_S = 0.5
 MINIMUM_SAMPLES = 20
-LARGEST_SHARE_OF_BAD_ROWS = 0.2
-GAP_FACTOR = 1.5
 JITTER_SHARE = 0.05
 # An isolated value is garbled when it leaves the median of its five neighbours by more than this many times the largest
 # ordinary step of its channel (99th percentile of the change of that median) and of its ordinary scatter.
@@ -280,13 +279,13 @@ def _spikes(values: FloatArray) -> BoolArray:
     largest = deviation.max(axis=0)
     # Where more than half of the deviations are above a share of the largest, so is their median, and nothing can be a
     # spike: the order of all values need not be asked for.
-    doubtful = (deviation >= largest / (SPIKE_SCATTER * 1.4826)).mean(axis=0) <= 0.5
+    doubtful = (deviation >= largest / (SPIKE_SCATTER * DEVIATION_FROM_MEDIAN)).mean(axis=0) <= 0.5
     if not doubtful.any():
         return np.zeros(values.shape[0], dtype=np.bool_)
     deviation, middle = deviation[:, doubtful], middle[:, doubtful]
     # Steps of the median, so that the garbled values themselves do not widen the limit.
     step = np.percentile(np.abs(np.diff(middle, axis=0)), 99.0, axis=0)
-    scatter = 1.4826 * np.median(deviation, axis=0)
+    scatter = DEVIATION_FROM_MEDIAN * np.median(deviation, axis=0)
     limit = np.maximum(SPIKE_STEPS * step, SPIKE_SCATTER * scatter) + 1e-9
     return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray, runs_of
+from identification.arrays import DEVIATION_FROM_MEDIAN, BoolArray, FloatArray, runs_of
 from identification.recordings.recording import Recording
 from identification.recordings.velocities import WindowedRates
 
@@ -32,7 +32,7 @@ def clock_by_velocity(recording: Recording) -> tuple[float, float] | None:
     if chosen.size < max(1, 0.5 * moving.sum()):
         return None
     ratio = float(np.median(chosen))
-    spread = 1.4826 * float(np.median(np.abs(chosen - ratio))) if chosen.size > 1 else 0.01 * ratio
+    spread = DEVIATION_FROM_MEDIAN * float(np.median(np.abs(chosen - ratio))) if chosen.size > 1 else 0.01 * ratio
     if not 1.0 / WIDEST_RATIO < ratio < WIDEST_RATIO or spread > 0.05 * ratio:
         return None
     return ratio, max(spread / np.sqrt(chosen.size), 1e-4)

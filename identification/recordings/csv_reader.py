@@ -14,8 +14,8 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.errors import RecordingError, reason_of
-from identification.recordings.cleaning import LARGEST_SHARE_OF_BAD_ROWS
 from identification.recordings.headers import COLUMN, columns_of, units_of
+from identification.recordings.joint_choice import LARGEST_SHARE_OF_BAD_ROWS
 from identification.recordings.npz_reader import (
     OPTIONAL_FIELDS,
     UNIT_FIELDS,

@@ -14,7 +14,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray
 from identification.errors import RecordingError
-from identification.recordings.rounded import row_codes
+from identification.recordings.rounded import FEWEST_ROWS, row_codes
 
 _TOGETHER = 0.7
 """Share of the moving channels that change in a row with news; of coarse sensors that repeat values, few do at once."""
@@ -26,8 +26,6 @@ OF_A_QUANTUM = 2.0
 """Times the tenth percentile of a channel's changes that their median is at most where a coarse sensor turns over by
 one step now and then; a source that comes late brings changes as different as the motion makes them."""
 
-FEWEST_AGAIN = 10
-"""Moving rows that stand in a file twice, one after the other, at least."""
 A_LEAP = 2.0
 """Times the largest step of as many rows before and after: a simulated motion that repeats goes on without one."""
 
@@ -47,7 +45,7 @@ def rows_used_again(position: FloatArray, torque: FloatArray) -> BoolArray:
     steps, news = np.abs(np.diff(position, axis=0)), _news(position)
     again = np.zeros(code.size, dtype=np.bool_)
     for first, end in pairwise(edges):
-        if behind[first] and first and news[first:end].sum() >= FEWEST_AGAIN:
+        if behind[first] and first and news[first:end].sum() >= FEWEST_ROWS:
             around = np.concatenate([steps[max(first - (end - first), 0) : first - 1], steps[first : end - 1]])
             again[first:end] = (steps[first - 1] > A_LEAP * around.max(axis=0)).any()
     return again

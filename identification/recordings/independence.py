@@ -13,7 +13,7 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
-from identification.recordings.rounded import Rows, moving_rows, row_codes, rows_that_agree
+from identification.recordings.rounded import FEWEST_ROWS, Rows, moving_rows, row_codes, rows_that_agree
 from identification.recordings.same_noise import correlation_of_noise
 from identification.remembered import once_per_object
 
@@ -21,10 +21,8 @@ KEPT_DECIMALS = 6
 """Of q and tau in a sample's fingerprint: a file with rounded numbers is still the same measurement."""
 KEPT_DIGITS = 6
 """Of them too: a file in single precision has seven."""
-FEWEST_SHARED = 10
-"""Moving samples in common that are no accident, where each is of NUMBERS or more."""
 NUMBERS = 8
-"""That noise and the steps of sensors do not repeat together; an arm of few joints needs several rows in a row."""
+"""In a sample that do not repeat together, by noise and steps of sensors; of few joints it takes several rows."""
 SAME_POSITION = 0.01
 """Of the spread of each joint's motion, RMS: nearer than two motions come, further than filters and clocks lead one."""
 EARLIEST_CLOCK_S = 1.0e9
@@ -133,7 +131,7 @@ def holds_samples(recording: Recording, kept: str) -> bool:
     places = range(0, len(kept), PRINT_DIGITS)
     known = {int(kept[place : place + PRINT_DIGITS], 16) for place in places}
     own = _fingerprints(recording).view(np.uint64) % np.uint64(16**PRINT_DIGITS)
-    return len(known.intersection(own.tolist())) >= FEWEST_SHARED
+    return len(known.intersection(own.tolist())) >= FEWEST_ROWS
 
 
 def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, other_prints: Prints) -> str:
@@ -143,7 +141,7 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
     if own.n != other.n:
         return ""
     shared = _count_among(np.sort(own_prints), other_prints)
-    if shared >= FEWEST_SHARED:
+    if shared >= FEWEST_ROWS:
         return f"shares {shared} of its {other_prints.size} moving samples with {name}"
     together = _same_moments(own, other)
     if together:
@@ -179,7 +177,7 @@ def _same_moments(own: Recording, other: Recording) -> float:
     time = other.time - other.time[0] + apart
     mine = own.time - own.time[0]
     within = (time >= 0.0) & (time <= mine[-1])
-    if within.sum() < FEWEST_SHARED:
+    if within.sum() < FEWEST_ROWS:
         return 0.0
     there = np.column_stack([np.interp(time[within], mine, column) for column in own.position.T])
     left = np.sqrt(np.mean((other.position[within] - there) ** 2, axis=0))

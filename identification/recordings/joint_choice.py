@@ -20,7 +20,7 @@ from identification.recordings.recording import OF_JOINTS, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.robots.model import RobotModel
 
-LARGEST_SHARE_OF_PARTIAL_ROWS = 0.2
+LARGEST_SHARE_OF_BAD_ROWS = 0.2
 HELD_WITHIN = 0.02
 """rad or m: a brake's play, and what `--lock` is written to."""
 _NUMBERED = re.compile(r"^(.*?)(\d+)$")
@@ -234,7 +234,7 @@ def select_joints(table: RawTable, robot: RobotModel | None, wanted: Sequence[st
         named = table.named[:, columns]
         mine = named.any(axis=1)
         partial = int((mine & ~named.all(axis=1)).sum())
-        if partial > LARGEST_SHARE_OF_PARTIAL_ROWS * max(int(mine.sum()), 1):
+        if partial > LARGEST_SHARE_OF_BAD_ROWS * max(int(mine.sum()), 1):
             raise RecordingError.named(
                 table.path,
                 f"{partial} of {int(mine.sum())} messages on {table.topic} name only some of "

@@ -11,13 +11,15 @@ from identification.errors import RecordingError
 from identification.recordings.recording import Finding
 from identification.recordings.table import RawTable
 
+SAME_MOTION = 0.1
+"""Share of a motion (RMS) by which positions may differ that are of one and the same: a period later, or of a copy."""
 SAME_SAMPLES = 0.9
 """Share of the rows of a slower source that are at the same samples of each period: others are late ones."""
 SMALLEST_COVERAGE = 0.5
 LARGEST_ERROR_OF_PERIOD = 0.05
 """Share by which a stated period may be off and still be the one that is meant."""
-SMALLEST_DRIFT = 0.2
-"""Samples by which the last period has to lie off: a mean over periods does not feel less."""
+SMALLEST_SLIDE = 0.2
+"""Samples by which rows have to slide along the period in all: less does not matter to a mean over periods."""
 EXPLAINED = 0.75
 """Share of what periods differ by (in squares) that a shift has to take away: noise leaves all of it, missing rows half
 of it over half of the recording.
@@ -143,7 +145,7 @@ def repeating_period(time: FloatArray, position: FloatArray, period_s: float, sa
                 break
         if abs(period - period_s) > LARGEST_ERROR_OF_PERIOD * period_s:
             return period_s
-    if last * abs(period - period_s) < SMALLEST_DRIFT * sampling_period_s:
+    if last * abs(period - period_s) < SMALLEST_SLIDE * sampling_period_s:
         return period_s
     for apart in {(last + 1) // 2, last}:
         left = [_difference(time, there, rows, apart * each, sampling_period_s)[1] for each in (period_s, period)]

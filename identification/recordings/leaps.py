@@ -34,8 +34,8 @@ OVER_SPEED = 3.0
 OVER_NEIGHBOURS = 10.0
 """Times the steps around it, and the joint's ordinary step, that a leap is: noise and a coarse encoder are less."""
 NEIGHBOURS = 3
-HIDES = 1.5
-"""Sampling periods: a longer step of the stamps hides no row."""
+GAP_FACTOR = 1.5
+"""Sampling periods: a longer step of the stamps is a gap, and hides no row."""
 FEWEST_TWICE = 10
 """Rows that all joints reach by twice the step beside them, at least: recordings that lost none have not one."""
 NEAR_TWICE = 0.2
@@ -93,7 +93,7 @@ def rows_behind_hidden_gaps(time: FloatArray, position: FloatArray) -> IntArray:
     steps = steps[:, size > 0.0] / size[size > 0.0]
     beside = np.median([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]], axis=0)
     speed = np.sqrt((beside**2).sum(axis=1))
-    asked = (speed > np.median(speed)) & (elapsed[2:-2] < HIDES * np.median(elapsed))
+    asked = (speed > np.median(speed)) & (elapsed[2:-2] < GAP_FACTOR * np.median(elapsed))
 
     def near(times: float) -> IntArray:
         off = np.sqrt(((steps[2:-2] - times * beside) ** 2).sum(axis=1))

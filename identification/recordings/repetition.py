@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.recordings.labels import in_its_own_motion, repeating_period
+from identification.recordings.labels import SAME_MOTION, in_its_own_motion, repeating_period
 
-LARGEST_DIFFERENCE = 0.1
-"""Share of the motion by which it may differ a period later, and still be called repeated."""
 _ROWS = 20_000
 
 
@@ -32,7 +30,7 @@ def unstated_period(time: FloatArray, position: FloatArray, sampling_period_s: f
     left = np.flatnonzero(apart > 0.5)
     if not left.size:
         return None
-    again = np.flatnonzero(apart[left[0] :] < LARGEST_DIFFERENCE**2)
+    again = np.flatnonzero(apart[left[0] :] < SAME_MOTION**2)
     if not again.size:
         return None
     first = left[0] + again[0]

@@ -19,7 +19,7 @@ from identification.remembered import once_per_object
 SMALLEST_STEP = 1e-6
 """Of a column's largest number, and of one: decimals beyond are those of the storage, not of who wrote the file."""
 FEWEST_ROWS = 10
-"""Moving rows that agree one after the other, at least."""
+"""Moving rows in common that are no accident, at least: of two recordings, or of two places in one."""
 ODDS = 1000.0
 """To one, against as many rows that agree one after the other by chance."""
 HALF = 0.52

@@ -6,15 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import DEVIATION_FROM_MEDIAN, FloatArray
+from identification.recordings.labels import SAME_MOTION
 from identification.recordings.recording import Recording
 from identification.recordings.rounded import ODDS
 
 PARTS = 4
 """In time, each of which has to show it: two runs may begin alike, or meet one push alike."""
 SAME_PERIOD = 1e-3
-SAME_MOTION = 0.1
-"""Share of the motion by which the positions of a copy may lie beside those of its original."""
 LATEST = 16
 """Part of a period by which a filter may have made a torque late."""
 SAMPLES_PER_BIN = 2.0
@@ -91,5 +90,5 @@ def _unrepeated(torque: FloatArray, bins: int) -> FloatArray:
     """(T, n) second difference from period to period of a torque in bins, in its standard deviations."""
     left = torque[2 * bins :] - 2.0 * torque[bins:-bins] + torque[: -2 * bins]
     left = left - np.nanmedian(left, axis=0)
-    size = 1.4826 * np.nanmedian(np.abs(left), axis=0)
+    size = DEVIATION_FROM_MEDIAN * np.nanmedian(np.abs(left), axis=0)
     return np.nan_to_num(np.clip(left / np.where(size > 0.0, size, np.inf), -LARGEST, LARGEST))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, evenly
 from identification.report.document import Block, Figure, Heading, Line, Panel, Paragraph, Section, Style
 from identification.report.numbers import rounded
 from identification.report.stretches import Stretch
@@ -157,7 +157,7 @@ def _torque_panel(stretch: Stretch, joint: int) -> Panel:
 def _path(stretch: Stretch, robot: RobotModel) -> Figure:
     """The origin of the last link's frame in the base frame, seen from three sides; a star where it begins."""
     known = np.flatnonzero(np.isfinite(stretch.position).all(axis=1))
-    chosen = known[np.linspace(0, len(known) - 1, min(_PATH_POINTS, len(known))).astype(int)]
+    chosen = known[evenly(len(known), _PATH_POINTS)]
     data = robot.pinocchio_model.createData()
     path = np.empty((len(chosen), 3))
     for row, position in enumerate(stretch.position[chosen]):

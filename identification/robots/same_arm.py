@@ -16,8 +16,8 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.robots.model import RobotModel
 
-LENGTH_TOLERANCE_M = 2e-3
-ANGLE_TOLERANCE = 2e-3
+TOLERANCE = 2e-3
+"""m, and rad, by which two descriptions of one arm differ."""
 GRAVITY_TOLERANCE = 0.05
 """m/s²; a place on the ground."""
 FRAME_TOLERANCE = 2e-4
@@ -40,10 +40,10 @@ def difference_of_arms(one: RobotModel, other: RobotModel) -> str:
     generator = np.random.default_rng(SEED)
     for position in (np.zeros(one.n), *generator.uniform(-1.0, 1.0, (STATES, one.n))):
         (angle, distance), (other_angle, other_distance) = (_pairs(robot, position) for robot in (one, other))
-        if np.abs(angle - other_angle).max() > ANGLE_TOLERANCE:
+        if np.abs(angle - other_angle).max() > TOLERANCE:
             place = np.unravel_index(np.argmax(np.abs(angle - other_angle)), angle.shape)
             return f"the axes of joints {place[0] + 1} and {place[1] + 1} make another angle"
-        if np.abs(distance - other_distance).max() > LENGTH_TOLERANCE_M:
+        if np.abs(distance - other_distance).max() > TOLERANCE:
             a, b = np.unravel_index(np.argmax(np.abs(distance - other_distance)), distance.shape)
             return (
                 f"the axes of joints {a + 1} and {b + 1} are {1e3 * other_distance[a, b]:.0f} mm apart in place of "

@@ -14,10 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from identification.arrays import ComplexArray, FloatArray
+from identification.recordings.labels import SMALLEST_SLIDE
 from identification.recordings.recording import Recording
 
-SMALLEST_SLIDE = 0.2
-"""Samples by which the rows have to slide along the period in all: less does not matter to a mean over periods."""
 FINEST_S = 2.5e-4
 """A model's steps stand within half of that: an eighth of a millisecond."""
 _DEGREE = 5

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import DEVIATION_FROM_MEDIAN, FloatArray
 from identification.errors import EstimationError
 from identification.signals.gaps import median_over_periods
 from identification.signals.periods import PeriodTable, average_periods
@@ -22,7 +22,6 @@ from identification.signals.periods import PeriodTable, average_periods
 HUBER_BOUND = 2.0
 FEWEST_PERIODS = 3
 _ROUNDS = 5
-_DEVIATION_FROM_MEDIAN = 1.4826
 # Hampel's redescending ψ, in robust deviations of the interpolation error: kept as it is up to the first (one of 370
 # samples of Gaussian noise lies beyond), given no say beyond the second.
 _KEPT, _REJECTED = 3.0, 5.0
@@ -45,7 +44,7 @@ def bound_outliers_across_periods(table: PeriodTable) -> tuple[PeriodTable, Floa
     location = median_over_periods(torque)
     deviation = torque - location
     # Deviations from a median of K values are smaller than those from the truth.
-    scale = _DEVIATION_FROM_MEDIAN * np.nanmedian(np.abs(deviation), axis=(0, 1)) * np.sqrt(periods / (periods - 1.0))
+    scale = DEVIATION_FROM_MEDIAN * np.nanmedian(np.abs(deviation), axis=(0, 1)) * np.sqrt(periods / (periods - 1.0))
     bound = HUBER_BOUND * scale
     share = unclipped_share(deviation, bound)
     clipped = np.clip(deviation, -bound, bound)
@@ -78,7 +77,7 @@ def clean_across_periods(table: PeriodTable) -> tuple[PeriodTable, FloatArray, F
         for _ in range(_SWEEPS):
             foretold = clean - distance_from(clean)
             distance = measured - foretold
-            scale = _DEVIATION_FROM_MEDIAN * np.median(np.abs(distance), axis=0)
+            scale = DEVIATION_FROM_MEDIAN * np.median(np.abs(distance), axis=0)
             found = foretold + _hampel(distance, scale)
             clean += step * (found - clean)
         torque = average.torque + np.where(known, found, np.nan).reshape(table.torque.shape)
@@ -115,7 +114,7 @@ def _without_spikes(values: FloatArray) -> FloatArray:
     from scipy.ndimage import median_filter  # slow to load, and most recordings have no outliers
 
     middle = median_filter(values, size=(5, 1), mode="wrap")
-    bound = HUBER_BOUND * _DEVIATION_FROM_MEDIAN * np.median(np.abs(values - middle), axis=0)
+    bound = HUBER_BOUND * DEVIATION_FROM_MEDIAN * np.median(np.abs(values - middle), axis=0)
     return np.asarray(middle + np.clip(values - middle, -bound, bound), dtype=np.float64)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray, longest_run
 from identification.errors import RecordingError
+from identification.recordings.labels import SAME_MOTION
 from identification.recordings.recording import Recording
 from identification.remembered import once_per_object
 from identification.signals.filter_ends import at_filter_ends, cutoff_hz
@@ -22,8 +23,6 @@ LARGEST_SHARE_WITHOUT_DATA = 0.02
 LARGEST_GAP_WITHOUT_DATA_S = 0.05
 # Time stamps further than this from the grid (in samples) are brought onto it along the local slope.
 SMALLEST_SHIFT = 0.02
-# A stated period is doubted when successive periods differ by more than this share of the motion.
-LARGEST_PERIOD_DIFFERENCE = 0.1
 TRANSIENT_FACTOR = 10.0
 # Parts of a period that are asked whether they come at their time; the share of what periods differ by that shifts in
 # time have to explain before they are believed; by how much (s, and not less than a sample) a part may come early or
@@ -251,7 +250,7 @@ def _check_repetition(recording: Recording, position: FloatArray) -> None:
         return
     difference = float(np.sqrt(np.nanmean(np.diff(position, axis=0) ** 2) / 2.0))
     motion = float(np.sqrt(np.nanmean((position - np.nanmean(position, axis=(0, 1))) ** 2)))
-    if difference > LARGEST_PERIOD_DIFFERENCE * motion:
+    if difference > SAME_MOTION * motion:
         raise RecordingError.at(
             recording.source.path,
             f"the motion does not repeat every {recording.period_s:g} s: successive periods "

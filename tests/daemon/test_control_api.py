@@ -6,6 +6,7 @@ import base64
 import json
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +25,6 @@ from daemon.queue.control_api import (
     SubmitRun,
     decode_reply,
     decode_request,
-    encode,
 )
 
 REQUESTS: list[ControlRequest] = [
@@ -46,7 +46,7 @@ json_values = st.recursive(
 
 @pytest.mark.parametrize("request_", REQUESTS)
 def test_a_request_comes_back_as_it_was_sent(request_: ControlRequest) -> None:
-    assert decode_request(encode(request_)) == request_
+    assert decode_request(msgspec.json.encode(request_)) == request_
 
 
 def test_the_wire_form_is_plain_json_that_other_programs_can_write() -> None:
@@ -129,7 +129,7 @@ def test_any_json_is_one_typed_error(value: Any) -> None:
 def test_a_damaged_request_is_understood_as_something_allowed_or_refused(
     request_: ControlRequest, data: st.DataObject
 ) -> None:
-    text = bytearray(encode(request_))
+    text = bytearray(msgspec.json.encode(request_))
     for _ in range(data.draw(st.integers(1, 4))):
         place = data.draw(st.integers(0, len(text) - 1))
         text[place : place + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=3))
@@ -140,7 +140,7 @@ def test_a_damaged_request_is_understood_as_something_allowed_or_refused(
     except RefusedRequestError:
         return
     # Whatever came through obeys every limit: it survives the strict decoder a second time.
-    assert decode_request(encode(understood)) == understood
+    assert decode_request(msgspec.json.encode(understood)) == understood
 
 
 @given(st.binary(max_size=500))

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import psutil
 import pytest
 import zmq
@@ -34,7 +35,6 @@ from daemon.queue.control_api import (
     SubmitRun,
     Submitted,
     decode_reply,
-    encode,
 )
 from daemon.queue.control_socket import ServiceUnreachableError, ask
 from daemon.run.service import run_acquisition
@@ -332,7 +332,7 @@ def test_nobody_there_is_exit_code_69() -> None:
     assert answer.returncode == 69
 
 
-VALID = [encode(Ping()), encode(StopMotion()), encode(ResumeQueue())]
+VALID = [msgspec.json.encode(Ping()), msgspec.json.encode(StopMotion()), msgspec.json.encode(ResumeQueue())]
 
 
 @given(

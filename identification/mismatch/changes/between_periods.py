@@ -31,8 +31,8 @@ from identification.mismatch.evidence import Evidence
 from identification.mismatch.findings import Alternative
 from identification.mismatch.settings import UNLIKELY
 from identification.recordings.recording import Recording
+from identification.signals.outliers import FEWEST_PERIODS
 
-FEWEST_PERIODS = 3
 MOST_CHANGES = 5
 WINDOW_MARGIN_S = 0.1
 BESIDE_FLAGGED_S = 0.5

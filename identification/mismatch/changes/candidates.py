@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -73,11 +74,7 @@ def refined_shape(
         return fit_of(contrasts, effect, place, {**shape, name: float(np.exp(x))}).gain
 
     grid = np.linspace(float(np.log(max(bounds[0], 1e-9))), float(np.log(bounds[1])), points)
-    gains = [gain_at(float(x)) for x in grid]
-    best = int(np.argmax(gains))
-    inner = (float(grid[max(0, best - 1)]), float(grid[min(points - 1, best + 1)]))
-    result = minimize_scalar(lambda x: -gain_at(float(x)), bounds=inner, method="bounded", options={"maxiter": 20})
-    x = float(result.x) if -result.fun > gains[best] else float(grid[best])
+    x = _best_on(gain_at, grid, {"maxiter": 20})
     return {**shape, name: float(np.exp(x))}
 
 
@@ -88,13 +85,15 @@ def best_moment(gain_at: Callable[[float], float], start: float, width: float, l
     one of its many tops. So the last grid is finer than the band's width.
     """
     low, high = max(0.0, start - width), min(last, start + width)
-    grid = np.linspace(low, high, MOMENTS)
-    gains = [gain_at(float(time)) for time in grid]
+    return _best_on(gain_at, np.linspace(low, high, MOMENTS), {"xatol": 1e-4})
+
+
+def _best_on(gain_at: Callable[[float], float], grid: FloatArray, options: Any) -> float:
+    """Where a gain is largest: the best point of a grid, or a better one of a bounded search between its neighbours."""
+    gains = [gain_at(float(x)) for x in grid]
     best = int(np.argmax(gains))
-    bounds = (grid[max(0, best - 1)], grid[min(MOMENTS - 1, best + 1)])
-    result = minimize_scalar(
-        lambda time: -gain_at(float(time)), bounds=bounds, method="bounded", options={"xatol": 1e-4}
-    )
+    inner = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
+    result = minimize_scalar(lambda x: -gain_at(float(x)), bounds=inner, method="bounded", options=options)
     return float(result.x if -result.fun > gains[best] else grid[best])
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import DEVIATION_FROM_MEDIAN, FloatArray, IntArray
 from identification.mismatch.changes.candidates import REFINED, Candidate, dispersion_of, fit_of, hopeless, inflated
 from identification.mismatch.changes.contact_force import locate_push, refine_window, window_gain
 from identification.mismatch.changes.contrasts import Contrasts
@@ -162,7 +162,7 @@ def _scan_windows(
     if hopeless(gain_there, joint + 1, tests):
         return None
     # Scatter of the same window and of those beside it over the periods, blind to pushes in fewer than half of them.
-    scatter = 1.4826 * np.median(np.abs(there - np.median(there, axis=0)), axis=0)
+    scatter = DEVIATION_FROM_MEDIAN * np.median(np.abs(there - np.median(there, axis=0)), axis=0)
     freedom_there = max(1, round(0.4 * (contrasts.periods - 1) * scatter.size))
     dispersion = dispersion_of(float((scatter**2).mean()) * freedom_there, freedom_there)
     return start, duration, tests, dispersion

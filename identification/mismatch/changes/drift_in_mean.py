@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from identification.arrays import FloatArray
-from identification.mismatch.changes.between_periods import FEWEST_PERIODS, Change, with_level
+from identification.mismatch.changes.between_periods import Change, with_level
 from identification.mismatch.changes.contact_search import without_outliers
 from identification.mismatch.changes.contrasts import Contrasts, log10_chance
 from identification.mismatch.effects.base import CERTAIN, Estimate, Place
@@ -25,6 +25,7 @@ from identification.mismatch.problem import Problem, off
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import fitted
 from identification.mismatch.settings import PRIOR_COST, DiagnosisSettings
+from identification.signals.outliers import FEWEST_PERIODS
 
 SETTLING = (0.2, 0.5)
 """Time constants tried beside the even course, as shares of the recording; a shorter one is all but an offset."""

@@ -13,9 +13,9 @@ from identification.arrays import FloatArray
 from identification.mismatch.changes.contrasts import Contrasts, solve
 from identification.mismatch.effects.base import Place
 from identification.mismatch.effects.enveloped import EnvelopedEffect
+from identification.mismatch.search.extension import SHAPE_STEP
 
-# Step of a derivative, as a share of the parameter, or of its range where that is linear (a time).
-STEP = 1e-2
+# Step of a derivative by a time, as a share of its range.
 LINEAR_STEP = 1e-4
 
 
@@ -41,7 +41,7 @@ def shape_covariance(
         if parameter.integer or parameter.name not in shape:
             continue
         value, width = shape[parameter.name], parameter.upper - parameter.lower
-        step = STEP * value if parameter.logarithmic else LINEAR_STEP * width
+        step = SHAPE_STEP * value if parameter.logarithmic else LINEAR_STEP * width
         ends = (min(value + step, parameter.upper), max(value - step, parameter.lower))
         if ends[0] <= ends[1]:
             continue

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import FloatArray, IntArray, evenly
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.mismatch.data_faults.rival_physics import beside, rival_physics
@@ -53,7 +53,7 @@ def thinned_stretch(recording: Recording) -> Thinned | None:
         inside = (stretch.time >= stretch.row_time[0]) & (stretch.time <= stretch.row_time[-1])
         counts = inside & stretch.used[place].all(axis=1)
     index = np.flatnonzero(counts if counts.sum() > 100 else np.ones_like(counts))
-    index = index[np.linspace(0, index.size - 1, min(MOST_STATES, index.size)).astype(int)]
+    index = index[evenly(index.size, MOST_STATES)]
     torque, rate = smoothed(stretch.torque, width, step, index)
     position, velocity = stretch.position[index], stretch.velocity[index]
     signals = replace(

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from identification.mismatch.effects.base import Columns, Effect, Estimate, Parameter, Place
-from identification.mismatch.effects.describe import harmonic, size
+from identification.mismatch.effects.describe import harmonic, linear, size
 from identification.mismatch.effects.dynamics import across, tilt_torques
 from identification.mismatch.motion import Motion
 
@@ -38,14 +38,8 @@ class BaseTilt(Effect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """The rotation about each axis, and how far the base leans in all."""
-        x, y = (float(value) for value in estimate.coefficients)
-        deviations = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
-        lean = harmonic(estimate)
-        return (
-            Parameter("tilt", lean.amplitude, lean.amplitude_std, "rad"),
-            Parameter("about_x", x, float(deviations[0]), "rad"),
-            Parameter("about_y", y, float(deviations[1]), "rad"),
-        )
+        tilt, _ = harmonic(estimate, "rad", called="tilt")
+        return (tilt, linear("about_x", estimate, "rad"), linear("about_y", estimate, "rad", index=1))
 
     def sentence(self, estimate: Estimate) -> str:
         """How far, about which axis."""

@@ -3,19 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from identification.mismatch.effects.base import Estimate, Parameter
-
-
-@dataclass(frozen=True, slots=True)
-class Harmonic:
-    """a sin x + b cos x as A sin(x + φ): amplitude A ≥ 0, phase φ in rad, with first-order standard deviations."""
-
-    amplitude: float
-    amplitude_std: float
-    phase: float
-    phase_std: float
 
 
 def linear(name: str, estimate: Estimate, unit: str, *, index: int = 0, scale: float = 1.0) -> Parameter:
@@ -35,18 +24,26 @@ def deviation(estimate: Estimate, index: int) -> float:
     return float(estimate.std[index])
 
 
-def harmonic(estimate: Estimate) -> Harmonic:
-    """Amplitude and phase of the two coefficients, of a sine and of a cosine."""
+def harmonic(
+    estimate: Estimate, unit: str = "Nm", *, scale: float = 1.0, called: str = "amplitude"
+) -> tuple[Parameter, Parameter]:
+    """Of coefficients a, b: amplitude A ≥ 0 and phase φ, rad, of A sin(x + φ) = a sin x + b cos x, std of first order.
+
+    scale: what one unit of the coefficients is in `unit`.
+    """
     a, b = (float(value) for value in estimate.coefficients[:2])
     amplitude = math.hypot(a, b)
     if amplitude == 0.0:
-        return Harmonic(0.0, deviation(estimate, 0), 0.0, math.nan)
+        return Parameter(called, 0.0, scale * deviation(estimate, 0), unit), Parameter("phase", 0.0, math.nan, "rad")
     along = (a / amplitude, b / amplitude)
     across = (-b / amplitude, a / amplitude)
     block = ((0, along[0], across[0]), (1, along[1], across[1]))
     variance = sum(p[1] * r[1] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
     turned = sum(p[2] * r[2] * float(estimate.covariance[p[0], r[0]]) for p in block for r in block)
-    return Harmonic(amplitude, math.sqrt(max(0.0, variance)), math.atan2(b, a), math.sqrt(max(0.0, turned)) / amplitude)
+    return (
+        Parameter(called, scale * amplitude, scale * math.sqrt(max(0.0, variance)), unit),
+        Parameter("phase", math.atan2(b, a), math.sqrt(max(0.0, turned)) / amplitude, "rad"),
+    )
 
 
 def size(value: float, std: float, unit: str) -> str:

@@ -14,11 +14,9 @@ import numpy as np
 
 from identification.arrays import FloatArray
 from identification.mismatch.motion import Motion
-from identification.regressor import skew
+from identification.regressor import INERTIAL_SYMBOLS, skew
 from identification.remembered import once_per_object
 from identification.robots.model import Kinematics
-
-_INERTIAL_COUNT = 10
 
 
 class RigidTorque(NamedTuple):
@@ -167,7 +165,7 @@ class _Chain:
     def __init__(self, motion: Motion) -> None:
         self.kinematics = motion.robot.kinematics
         self.position = motion.position.T
-        self.parameters = motion.full_parameters.reshape(motion.n, -1)[:, :_INERTIAL_COUNT]
+        self.parameters = motion.full_parameters.reshape(motion.n, -1)[:, : len(INERTIAL_SYMBOLS)]
         self.bodies = [_body(own) for own in self.parameters]
         self.rotation = [_rotation(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]
         self.arm = [_arm(self.kinematics, joint, angle) for joint, angle in enumerate(self.position)]

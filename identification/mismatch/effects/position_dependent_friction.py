@@ -39,12 +39,9 @@ class PositionDependentFriction(OwnJointEffect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, and the angle at which friction is highest."""
-        wave = harmonic(estimate)
-        return (
-            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
-            Parameter("angle_of_maximum", math.pi / 2.0 - wave.phase, wave.phase_std, "rad"),
-            *harmonic_share(estimate),
-        )
+        amplitude, phase = harmonic(estimate)
+        angle = Parameter("angle_of_maximum", math.pi / 2.0 - phase.value, phase.std, "rad")
+        return (amplitude, angle, *harmonic_share(estimate))
 
     def sentence(self, estimate: Estimate) -> str:
         """By how much, and where it is tightest."""

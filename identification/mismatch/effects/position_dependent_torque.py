@@ -37,10 +37,8 @@ class PositionDependentTorque(OwnJointEffect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, phase φ of A sin(N q + φ), order."""
-        wave = harmonic(estimate)
         return (
-            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
-            Parameter("phase", wave.phase, wave.phase_std, "rad"),
+            *harmonic(estimate),
             shaped("order", estimate, "per turn"),
             *harmonic_share(estimate),
         )

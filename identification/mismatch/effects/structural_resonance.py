@@ -58,13 +58,8 @@ class StructuralResonance(OwnJointEffect):
         seen = Estimate(
             estimate.place, estimate.shape, turn @ estimate.coefficients, turn @ estimate.covariance @ turn.T
         )
-        share = harmonic(seen)
-        return (
-            Parameter("share_of_torque", 100.0 * share.amplitude, 100.0 * share.amplitude_std, "%"),
-            shaped("frequency", estimate, "Hz"),
-            shaped("damping", estimate, "1"),
-            Parameter("phase", share.phase, share.phase_std, "rad"),
-        )
+        share, phase = harmonic(seen, "%", scale=100.0, called="share_of_torque")
+        return (share, shaped("frequency", estimate, "Hz"), shaped("damping", estimate, "1"), phase)
 
     def sentence(self, estimate: Estimate) -> str:
         """At what frequency it rings, how damped."""

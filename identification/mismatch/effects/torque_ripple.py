@@ -69,10 +69,8 @@ class TorqueRipple(OwnJointEffect):
 
     def parameters(self, estimate: Estimate) -> tuple[Parameter, ...]:
         """Amplitude, phase φ of A sin(N q + φ), order, share of the amplitude that grows with the load."""
-        wave = harmonic(estimate)
         return (
-            Parameter("amplitude", wave.amplitude, wave.amplitude_std, "Nm"),
-            Parameter("phase", wave.phase, wave.phase_std, "rad"),
+            *harmonic(estimate),
             shaped("order", estimate, "per turn"),
             shaped("load_share", estimate, "1"),
         )

@@ -151,16 +151,16 @@ def test_effects_of_friction_do_not_act_on_a_joint_that_stands_still(motion: Mot
 
 @given(a=st.floats(-5.0, 5.0), b=st.floats(-5.0, 5.0), x=st.floats(-3.0, 3.0))
 def test_amplitude_and_phase_are_the_sine_and_cosine_again(a: float, b: float, x: float) -> None:
-    wave = harmonic(Estimate(Place(joint=1), {}, np.array([a, b]), np.eye(2)))
-    assert wave.amplitude * math.sin(x + wave.phase) == pytest.approx(a * math.sin(x) + b * math.cos(x), abs=1e-12)
+    amplitude, phase = harmonic(Estimate(Place(joint=1), {}, np.array([a, b]), np.eye(2)))
+    assert amplitude.value * math.sin(x + phase.value) == pytest.approx(a * math.sin(x) + b * math.cos(x), abs=1e-12)
 
 
 def test_deviations_of_amplitude_and_phase_are_those_of_many_draws() -> None:
     mean, covariance = np.array([0.8, -0.5]), np.array([[4e-4, 1e-4], [1e-4, 2e-4]])
-    wave = harmonic(Estimate(Place(joint=1), {}, mean, covariance))
+    amplitude, phase = harmonic(Estimate(Place(joint=1), {}, mean, covariance))
     draws = np.random.default_rng(7).multivariate_normal(mean, covariance, 20_000)
-    assert wave.amplitude_std == pytest.approx(np.hypot(*draws.T).std(), rel=0.03)
-    assert wave.phase_std == pytest.approx(np.arctan2(draws[:, 1], draws[:, 0]).std(), rel=0.03)
+    assert amplitude.std == pytest.approx(np.hypot(*draws.T).std(), rel=0.03)
+    assert phase.std == pytest.approx(np.arctan2(draws[:, 1], draws[:, 0]).std(), rel=0.03)
 
 
 def test_the_rest_position_of_a_spring_has_the_deviation_of_many_draws() -> None:
