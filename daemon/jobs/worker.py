@@ -13,7 +13,9 @@ A model that stands is a success: a diagnosis that fails after it ends in "done"
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
+import gc
 import os
 import sys
 import traceback
@@ -179,4 +181,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    # What ends needs no look for circles: a sixth of the time that it takes to start and end.
+    atexit.register(gc.freeze)
     sys.exit(main())

@@ -14,8 +14,10 @@ run; 66 its files are missing; 69 port in use, no robot or no command from it; 7
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import errno
+import gc
 import os
 import signal
 import sys
@@ -228,4 +230,6 @@ def _histogram(summary: dict[str, Any]) -> Histogram:
 
 
 if __name__ == "__main__":
+    # What ends needs no look for circles: a sixth of the time that it takes to start and end.
+    atexit.register(gc.freeze)
     _end(main())

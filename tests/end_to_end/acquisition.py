@@ -6,6 +6,8 @@ reads.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import sys
 
 from daemon.api import RunEvent, RunRequest
@@ -28,4 +30,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as the command line does
     sys.exit(main())
