@@ -13,9 +13,7 @@ A model that stands is a success: a diagnosis that fails after it ends in "done"
 from __future__ import annotations
 
 import argparse
-import atexit
 import contextlib
-import gc
 import os
 import sys
 import traceback
@@ -25,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.api import WorkerJob, WorkerPhase, WorkerStatus
+from daemon.circles import look_seldom
 from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
@@ -181,6 +180,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    # What ends needs no look for circles: a sixth of the time that it takes to start and end.
-    atexit.register(gc.freeze)
+    look_seldom()
     sys.exit(main())

@@ -14,10 +14,8 @@ run; 66 its files are missing; 69 port in use, no robot or no command from it; 7
 from __future__ import annotations
 
 import argparse
-import atexit
 import contextlib
 import errno
-import gc
 import os
 import signal
 import sys
@@ -39,6 +37,7 @@ from daemon.api import (
     PhaseSpan,
     RunRequest,
 )
+from daemon.circles import look_for_none_at_the_end
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
 from daemon.json_files import read_json
 from daemon.run.spare_folder import write_run_file
@@ -230,6 +229,5 @@ def _histogram(summary: dict[str, Any]) -> Histogram:
 
 
 if __name__ == "__main__":
-    # What ends needs no look for circles: a sixth of the time that it takes to start and end.
-    atexit.register(gc.freeze)
+    look_for_none_at_the_end()
     _end(main())

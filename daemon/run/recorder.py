@@ -16,9 +16,7 @@ Nothing is lost silently:
 from __future__ import annotations
 
 import argparse
-import atexit
 import contextlib
-import gc
 import os
 import signal
 import sys
@@ -31,6 +29,7 @@ import zmq
 
 from daemon.api import EXIT_CODES, REPORT_NAME, RUN_NAME, LoopReport, RecorderJob, RunRequest
 from daemon.children import processes_of
+from daemon.circles import look_for_none_at_the_end
 from daemon.control_messages import (
     ControlMessage,
     RecorderFailed,
@@ -365,6 +364,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    # What ends needs no look for circles: a sixth of the time that it takes to start and end.
-    atexit.register(gc.freeze)
+    look_for_none_at_the_end()
     sys.exit(main())
