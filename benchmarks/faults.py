@@ -27,8 +27,8 @@ HEAD = """\
 # What happens when something goes wrong
 
 {count} faults were injected into real runs: fake robot, loop, recorder and supervisor as processes of their own,
-commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault_cases.py`), but for those "robot by the
-clock"; this page is the output of
+commands judged at the robot's side. Each row is a test (`tests/end_to_end/fault_cases.py`; those that a run goes on
+after have two runs together), but for those "robot by the clock"; this page is the output of
 
     python -m benchmarks.faults --out docs/faults.md
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 
+from daemon.circles import look_seldom
 from daemon.errors import exit_code_of, sentence_of
 from daemon.investigate.account import Account, Motion, read_account, save
 from daemon.investigate.begin import begun, exit_code
@@ -152,4 +153,5 @@ def _tell(sentence: str) -> None:
 
 
 if __name__ == "__main__":
+    look_seldom()
     sys.exit(main())

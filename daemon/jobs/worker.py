@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.api import WorkerJob, WorkerPhase, WorkerStatus
+from daemon.circles import look_seldom
 from daemon.errors import DaemonError, MissingInputError, sentence_of
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.times import now_text
@@ -179,4 +180,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    look_seldom()
     sys.exit(main())

@@ -18,6 +18,7 @@ from typing import Any
 
 from daemon.api import Message, RunRequest
 from daemon.children import start_python
+from daemon.circles import look_seldom
 from daemon.errors import DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
 
@@ -175,4 +176,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    look_seldom()
     sys.exit(main())

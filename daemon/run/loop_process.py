@@ -37,6 +37,7 @@ from daemon.api import (
     PhaseSpan,
     RunRequest,
 )
+from daemon.circles import look_for_none_at_the_end
 from daemon.errors import ConfigurationError, DaemonError, LogIOError, MissingInputError, PortInUseError
 from daemon.json_files import read_json
 from daemon.run.spare_folder import write_run_file
@@ -228,4 +229,5 @@ def _histogram(summary: dict[str, Any]) -> Histogram:
 
 
 if __name__ == "__main__":
+    look_for_none_at_the_end()
     _end(main())

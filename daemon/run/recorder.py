@@ -30,6 +30,7 @@ import zmq
 
 from daemon.api import EXIT_CODES, REPORT_NAME, RUN_NAME, LoopReport, RecorderJob, RunRequest
 from daemon.children import processes_of
+from daemon.circles import look_for_none_at_the_end
 from daemon.control_messages import (
     ControlMessage,
     RecorderFailed,
@@ -363,4 +364,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    look_for_none_at_the_end()
     sys.exit(main())

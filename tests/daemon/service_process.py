@@ -109,6 +109,17 @@ class ServiceProcess:
         self.process.wait()
 
 
+def until_excitation(running: ServiceProcess, job_id: str) -> None:
+    """Wait until the run of this job drives its periods; fails where it ends before."""
+
+    def there() -> bool:
+        job = running.jobs()[job_id]
+        assert job.phase in ("checking", "queued", "preparing", "running"), job.sentence
+        return running.status().motion_phase == "EXCITATION"
+
+    wait_for(there)
+
+
 @contextlib.contextmanager
 def service(folder: Path, **fri: Any) -> Iterator[ServiceProcess]:
     """A started service; killed at the end if it lives."""

@@ -216,10 +216,10 @@ def test_one_bad_file_does_not_cost_the_others_their_fit(logs: list[Path], tmp_p
     bad = tmp_path / "bad.npz"
     np.savez(bad, a=np.zeros(3))
     with ThreadPoolExecutor(1) as executor:
-        first, second = run_batch("fit", [bad, logs[0]], tmp_path / "out", executor)
+        first, second = run_batch("fit", [bad, logs[1]], tmp_path / "out", executor)
     assert (first.exit_code, second.exit_code) == (65, 0)
-    assert (tmp_path / "out" / "fitted" / "model.json").is_file()
-    assert str(tmp_path / "out" / "fitted" / "report.html") in second.files
+    assert (tmp_path / "out" / "heldout" / "model.json").is_file()
+    assert str(tmp_path / "out" / "heldout" / "report.html") in second.files
     assert len(second.rms_nm) == len(second.noise_floor_nm) == 7
 
 

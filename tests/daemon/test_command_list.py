@@ -25,8 +25,8 @@ import json, runpy, sys
 sys.argv = sys.argv[1:]
 try:
     {call}
-except SystemExit:
-    pass
+except SystemExit as end:
+    assert not end.code
 finally:
     print(json.dumps(sorted({{name.split(".")[0] for name in sys.modules}})), file=sys.stderr)
 """

@@ -24,7 +24,7 @@ from daemon.queue.investigations import Investigations
 from daemon.queue.job_queue import JobQueue
 from daemon.queue.job_store import Job
 from daemon.queue.job_work import RunEnded
-from tests.daemon.service_process import fake_robot, iiwa_ident, service, wait_for
+from tests.daemon.service_process import fake_robot, iiwa_ident, service, until_excitation, wait_for
 
 REAL = FriSettings(bind_host="192.170.10.1", robot_host="192.170.10.2")
 MOTION = StepAnswer(sentence="Motion 1: to learn.", exit_code=0, trajectory="t.json", number=1, periods=8)
@@ -331,8 +331,7 @@ def test_by_the_service_a_motion_is_asked_for_driven_stopped_and_found_again_aft
 
         assert told("resume")["released"] == 1
         running.wait_phase(number, "running")
-        while running.status().motion_phase != "EXCITATION":
-            assert running.phase(run) in ("queued", "preparing", "running"), running.jobs()[run].sentence
+        until_excitation(running, run)
         assert told("stop")["was_moving"]
         assert running.wait_phase(run, "stopped").exit_code == 1
         assert "stop" in running.wait_phase(number, "stopped").sentence.lower()

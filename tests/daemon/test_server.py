@@ -44,6 +44,7 @@ from tests.daemon.service_process import (
     fake_robot,
     iiwa_ident,
     service,
+    until_excitation,
     wait_for,
 )
 from tests.daemon.test_service import gentle_request
@@ -67,15 +68,6 @@ def submit(running: ServiceProcess, trajectory: Path, **changes: Any) -> str:
 def loop_report(running: ServiceProcess, job_id: str) -> dict[str, Any]:
     report: dict[str, Any] = json.loads((running.output / job_id / "loop_report.json").read_text())
     return report
-
-
-def until_excitation(running: ServiceProcess, job_id: str) -> None:
-    def there() -> bool:
-        job = running.jobs()[job_id]
-        assert job.phase in ("checking", "queued", "preparing", "running"), job.sentence
-        return running.status().motion_phase == "EXCITATION"
-
-    wait_for(there)
 
 
 def test_from_submission_to_a_stop_in_the_motion_and_what_waits_stays_where_it_is(tmp_path: Path) -> None:
@@ -194,7 +186,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
             hangs.set()
 
     with fake_robot(port, "--json", tmp_path / "robot.json"):
-        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=4.0)
+        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=1.0)
         outcome = run_acquisition(request, observe=observe, stop=Unheard())
     assert outcome.loop is not None
     assert outcome.loop.reason == "SUPERVISOR_LOST"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 
 from daemon.api import RunEvent, RunRequest
+from daemon.circles import look_for_none_at_the_end
 from daemon.errors import DaemonError
 from daemon.json_files import read_json
 from daemon.run.service import run_acquisition
@@ -28,4 +29,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    look_for_none_at_the_end()  # as the command line does
     sys.exit(main())

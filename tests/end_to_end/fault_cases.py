@@ -1,4 +1,5 @@
-"""The table of injected faults: one row each, tried by test_faults_of_*.py and printed by benchmarks/faults.py.
+"""The table of injected faults: one row each, tried by test_faults_of_*.py (what a run goes on after: together in two
+runs) and printed by benchmarks/faults.py.
 
 Here: what robot and wire do; the rest is in `fault_cases_of_host`.
 What a row says of the arm is measured at the robot's side. See `fault_case` for the columns.
@@ -6,14 +7,15 @@ What a row says of the arm is measured at the robot's side. See `fault_case` for
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tests.end_to_end.fault_case import IN_MOTION, PACED, FaultCase, fault
 from tests.end_to_end.fault_cases_of_host import HOST_CASES
 
-__all__ = ["FAULT_CASES", "ROBOT_CASES"]
+__all__ = ["FAULT_CASES", "ROBOT_CASES", "SURVIVED", "TOGETHER"]
 
+MESSAGES_A_PERIOD = 2000
 PROMPT = {"lockstep_timeout_s": 0.3, "lockstep_shortest_s": 0.1}
 """The client leaves some messages unanswered, waits for fresh ones and then goes on: that answer must not come a cycle
 late."""
@@ -202,3 +204,32 @@ def _what_the_wire_does() -> Iterator[FaultCase]:
 
 ROBOT_CASES: tuple[FaultCase, ...] = (*_what_the_wire_does(), *_what_the_robot_says())
 FAULT_CASES: tuple[FaultCase, ...] = (*ROBOT_CASES, *HOST_CASES)
+SURVIVED: tuple[FaultCase, ...] = tuple(
+    case for case in ROBOT_CASES if case.arm == "finished" and case.faults and not case.clock
+)
+"""The rows of faults that a run goes on after."""
+
+
+def _in_one_run(name: str, cases: Sequence[FaultCase], session: dict[str, Any], periods: int) -> FaultCase:
+    """The faults of several such rows one after the other, a tenth of a second apart: what each leaves is a sum."""
+    faults: list[dict[str, Any]] = []
+    begin = IN_MOTION
+    for case in cases:
+        shift = begin - IN_MOTION
+        for each in case.faults:
+            moves = "in_motion" in each
+            faults.append({**each, "at_cycle": each["at_cycle"] + shift * moves})
+            begin = max(begin, (faults[-1]["at_cycle"] + each.get("cycles", 1) + 100) * moves)
+    assert begin < MESSAGES_A_PERIOD * periods, "a fault would come when the motion is over"
+    request = {key: value for case in cases for key, value in case.request.items()}
+    return FaultCase(
+        name, "; ".join(case.what for case in cases), "finished", "completed", 0, faults=tuple(faults),
+        session=session, request={**request, "periods": periods}, gap=sum(case.gap for case in cases),
+    )  # fmt: skip
+
+
+TOGETHER: tuple[FaultCase, ...] = (
+    _in_one_run("survived-patient", [case for case in SURVIVED if case.session is PATIENT], PATIENT, 1),
+    _in_one_run("survived", [case for case in SURVIVED if case.session is not PATIENT], {}, 2),
+)
+"""The same in two runs, for the tests; `benchmarks.faults` plays each row alone."""

@@ -17,12 +17,11 @@ from typing import Any
 
 import mcap_ros2.decoder
 import numpy as np
-import psutil
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from tests.daemon.service_runs import child_of
+from tests.daemon.service_runs import assert_nothing_missing
 from tests.end_to_end.processes import fake_robot, iiwa_ident, start_iiwa_ident
 from tests.ports import free_udp_port
 from tests.short_motion import short_trajectory
@@ -65,9 +64,9 @@ def test_every_message_of_a_run_is_answered_and_in_the_log(version: str, tmp_pat
     assert result.returncode == 0, result.stderr
     outcome = json.loads(result.stdout)
     loop = outcome["loop"]
-    assert loop["missing"] == 0
-    assert loop["lost_in_handover"] == 0
-    assert loop["received"] == loop["answered"]
+    assert (loop["outcome"], loop["periods_completed"]) == ("completed", 2)
+    assert (loop["missing"], loop["refused"], loop["undecodable"], loop["lost_in_handover"]) == (0, 0, 0, 0)
+    assert loop["received"] == loop["answered"] == sum(loop["turn_around"]["counts"])
     assert loop["standstill_confirmed"]
 
     log = tmp_path / "run" / "recording.mcap"
@@ -90,6 +89,10 @@ def test_every_message_of_a_run_is_answered_and_in_the_log(version: str, tmp_pat
 
     robot = json.loads((tmp_path / "robot.json").read_text())
     assert robot["rejections"] == []
+    assert (robot["counts"]["commands_rejected"], robot["counts"]["answered"]) == (0, loop["answered"])
+    # The jerk of so short a motion is its own.
+    percent = robot["judgement"]["percent"]
+    assert max(percent["position"], percent["velocity"], percent["acceleration"]) <= 100.0
     assert robot["counts"]["commands_accepted"] > 2 * SAMPLES
 
 
@@ -165,31 +168,13 @@ def test_an_interrupt_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path: P
                 process.send_signal(signal.SIGINT)
                 break
         lines += process.stdout.read().splitlines()
-        assert process.wait(WATCHDOG_S) in (1, 130), lines
+        assert process.wait(WATCHDOG_S) == 130, lines
     outcome = json.loads((folder / "run.json").read_text())
-    assert outcome["outcome"] == "stopped"
+    assert (outcome["outcome"], outcome["loop"]["reason"]) == ("stopped", "OPERATOR_STOP")
     assert outcome["loop"]["standstill_confirmed"]
+    assert_nothing_missing(folder / "recording.mcap")
     states = list(messages(folder / "recording.mcap", "/fri/state"))
-    assert len(states) == outcome["samples"]
+    assert len(states) == outcome["samples"] == outcome["loop"]["received"]
     still = np.array([state.measured_joint_position for state in states[-100:]])
     assert np.ptp(still, axis=0).max() < 5e-4
     assert json.loads((tmp_path / "robot.json").read_text())["rejections"] == []
-
-
-def test_a_killed_recorder_stops_the_arm_by_ramp_and_loses_nothing(tmp_path: Path, motion: Path) -> None:
-    port = free_udp_port()
-    folder = tmp_path / "run"
-    with fake_robot(port, tmp_path / "robot.json", "--lockstep", "--seed", 6):
-        process = start_iiwa_ident("run", motion, "--periods", 50, "--bind", f"127.0.0.1:{port}", "--out", folder)
-        assert process.stdout is not None
-        for line in process.stdout:
-            if "excitation" in line:
-                break
-        child_of(psutil.Process(process.pid), "daemon.run.recorder").kill()
-        process.stdout.read()
-        assert process.wait(WATCHDOG_S) == 1
-    outcome = json.loads((folder / "run.json").read_text())
-    assert outcome["loop"]["standstill_confirmed"]
-    counters = [state.sequence_counter for state in messages(folder / "recording.mcap", "/fri/state")]
-    assert np.all(np.diff(counters) == 1)
-    assert len(counters) == outcome["loop"]["received"]

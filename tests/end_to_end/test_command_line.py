@@ -16,23 +16,11 @@ from tests.ports import free_udp_port
 from tests.short_motion import short_trajectory
 from tests.watchdog import WATCHDOG_S
 
-COMMANDS = (
-    "fake-robot", "check", "run", "doctor", "recover", "import", "fit", "validate", "design", "demo",
-    "export", "simulate",
-)  # fmt: skip
-
 
 def one_sentence(text: str) -> bool:
     """True when stderr ends in one line of the program's own and shows no traceback."""
     lines = [line for line in text.strip().splitlines() if line]
     return bool(lines) and "Traceback" not in text and len(lines[-1]) > 20
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_a_help_with_an_example(command: str) -> None:
-    result = iiwa_ident(command, "--help")
-    assert result.returncode == 0
-    assert "example" in result.stdout.lower()
 
 
 def test_unknown_options_are_usage_errors() -> None:

@@ -1,4 +1,5 @@
-"""A tool weighed end to end: the shipped motion twice against the fake robot in lockstep, then `payload` on the logs.
+"""A tool weighed end to end: two fifths of the shipped motion twice against the fake robot in lockstep, then `payload`
+on the logs.
 
 Truth: the load that the fake robot's plant is told of.
 """
@@ -12,6 +13,7 @@ import pytest
 
 from tests.end_to_end.processes import fake_robot, iiwa_ident
 from tests.ports import free_udp_port
+from tests.short_motion import short_trajectory
 
 LOAD = (2.5, 0.02, -0.015, 0.09)
 """kg, then m from the flange."""
@@ -24,6 +26,7 @@ def recorded(folder: Path, name: str, *options: object, load: tuple[float, ...] 
     with fake_robot(port, folder / f"{name}.json", "--lockstep", "--seed", seed, "--physics", physics):
         result = iiwa_ident(
             "run",
+            short_trajectory(folder / "motion.json", period_s=4.0, scale=0.4, offset=None),
             "--periods",
             1,
             "--bind",
