@@ -14,12 +14,15 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.installed
 	$(BIN)/iiwa-ident demo --out $(DEMO_OUT)
 
+# Freed memory is kept: to give it back and to fetch it anew, page by page, is up to a tenth of what a diagnosis takes.
+KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=536870912
+
 # Three at a time on two cores, since the tests with processes wait for most of theirs; in the order of the folders, since
 # those that begin last would be the few that take minutes.
 test: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy -n 2
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(KEEP_MEMORY) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -7,9 +7,10 @@ squares (weighted) → sign of the torque → programs with physical constraints
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +96,9 @@ def fit_recordings(
 
     misfit = misfit_over_noise([block for block in blocks if block.fitted.any()], least_squares.values)
     together = notes_on_agreement(blocks, least_squares.values, recording_names(recordings))
-    misread = _Misread.of(processed, model.regressor, sign, misfit, apart=bool(together))
-    with misread.blamed_for_no_solution(recordings[0]):
+    own = [item.recording for item in processed]
+    misread = cache(lambda: _Misread.of(own, regressor, sign, misfit, apart=bool(together)))
+    with _blamed_for_no_solution(misread, own[0]):
         real = _real_bodies(blocks, robot, regressor, least_squares, settings, report)
     report("validation", 0.95)
     noise_floor = _noise_floor(blocks)
@@ -104,6 +106,7 @@ def fit_recordings(
     if real.constrained is not None:
         sets["physical"] = real.constrained.base_values
     rms = _rms_table(blocks, sets, noise_floor)
+    known = _notes(rms, processed, band, [*together, *notes_on_model(regressor, settings)])
     result = FitResult(
         robot=robot,
         regressor=regressor,
@@ -122,7 +125,7 @@ def fit_recordings(
         torque_sign=sign,
         pipelines=tuple(item.pipeline for item in processed),
         recordings=tuple(recordings),
-        notes=_notes(sign, misread, rms, processed, band, [*together, *notes_on_model(regressor, settings)]),
+        told=cache(lambda: _spoiling_first([*notes_on_signs(sign), *misread().notes, *known])),
         provenance=provenance(processed, robot, regressor, settings, model.facts),
     )
     report("done", 1.0)
@@ -155,7 +158,7 @@ class _Misread:
     @classmethod
     def of(
         cls,
-        processed: Sequence[Processed],
+        recordings: Sequence[Recording],
         regressor: BaseRegressor,
         sign: TorqueSign,
         misfit: Misfit,
@@ -166,7 +169,7 @@ class _Misread:
 
         apart: whether the recordings do not go together; then each is asked alone, too.
         """
-        recordings, robot = [item.recording for item in processed], regressor.robot
+        robot = regressor.robot
         unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
@@ -204,38 +207,36 @@ class _Misread:
         others = (each.rstrip(".") for each in (self.misplaced, self.stand) if each)
         return [f"WARNING, {each}" for each in (*unit, *others, *self.others)]
 
-    @contextmanager
-    def blamed_for_no_solution(self, recording: Recording) -> Iterator[None]:
-        """A program that has no solution in such numbers is their fault, which is said."""
-        try:
-            yield
-        except SolverError as error:
-            path = recording.source.path
-            if self.misplaced:
-                raise RecordingError.named(path, self.misplaced.rstrip("."), field="q") from error
-            if self.wrong_unit:
-                raise RecordingError.named(path, self.wrong_unit, field="tau") from error
-            raise
+
+@contextmanager
+def _blamed_for_no_solution(misread: Callable[[], _Misread], recording: Recording) -> Iterator[None]:
+    """A program that has no solution in such numbers is their fault, which is said."""
+    try:
+        yield
+    except SolverError as error:
+        path, found = recording.source.path, misread()
+        if found.misplaced:
+            raise RecordingError.named(path, found.misplaced.rstrip("."), field="q") from error
+        if found.wrong_unit:
+            raise RecordingError.named(path, found.wrong_unit, field="tau") from error
+        raise
 
 
 def _notes(
-    sign: TorqueSign,
-    misread: _Misread,
-    rms: RmsTable,
-    processed: Sequence[Processed],
-    band: BandChoice | None,
-    on_fit: Sequence[str],
+    rms: RmsTable, processed: Sequence[Processed], band: BandChoice | None, on_fit: Sequence[str]
 ) -> tuple[str, ...]:
-    """All that is said of a fit, what spoils it first."""
-    notes = (
-        *notes_on_signs(sign),
-        *misread.notes,
+    """What is said of a fit beside signs and what else its recordings may be."""
+    return (
         *notes_on_joints_missed(rms),
         *_notes_on_standing([item.recording for item in processed]),
         *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),
         *([] if band is None else [band.sentence]),
         *on_fit,
     )
+
+
+def _spoiling_first(notes: Sequence[str]) -> tuple[str, ...]:
+    """All that is said of a fit, what spoils it first."""
     return tuple(sorted(notes, key=lambda note: not note.startswith("WARNING")))
 
 

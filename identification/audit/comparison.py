@@ -121,12 +121,11 @@ def noise_of(
         columns = np.concatenate([columns, beside], axis=2)
         widths = np.concatenate([widths, np.ones(beside.shape[2])])
     everything = products_of(columns, measured, rows.used, np.zeros_like(rows.block), 1)
-    factor = np.diag(widths)
     std = sizes.first_noise
     left = measured
     for _ in range(3):
         gram, right = everything.summed((0,), 1.0 / std**2)
-        values = posterior(gram, right, factor).values
+        values = posterior(gram, right, widths).values
         left = np.where(rows.used, measured - columns @ values, 0.0)
         std = np.sqrt((left**2).sum(axis=0) / np.maximum(rows.used.sum(axis=0), 1))
         std = np.maximum(std, sizes.least_noise)

@@ -69,16 +69,16 @@ class Directions:
         scale = np.ones((self.n, PARAMETERS))
         scale[:, :INERTIAL] = ratio**2
         scale[:, INERTIAL], scale[:, -1] = ratio, ratio**2
-        own = scale.ravel()
-        heavy = self._heavy
+        own, n, heavy = scale.ravel(), self.n, slice(HEAVY)
         # Columns that feel gravity are the free ones plus those per unit of it; all is quadratic in the gravity.
-        mixed = own[:, None] * np.tensordot(gram[:size, size:].reshape(size, 3, -1), gravity, (1, 0))
-        weight = gram[size:, size:].reshape(3, heavy.size, 3, heavy.size)
+        mixed = own[:, None] * (gravity @ gram[:size, size:].reshape(size, 3, -1))
+        weight = gravity @ (gravity @ gram[size:, size:].reshape(3, -1)).reshape(HEAVY * n, 3, -1)
         result, seen = own[:, None] * gram[:size, :size] * own, own * right[:size]
-        result[:, heavy] += mixed
-        result[heavy] += mixed.T
-        result[np.ix_(heavy, heavy)] += np.tensordot(np.tensordot(gravity, weight, 1), gravity, (1, 0))
-        seen[heavy] += gravity @ right[size:].reshape(3, -1)
+        by_link = result.reshape(n, PARAMETERS, n, PARAMETERS)
+        by_link[..., heavy] += mixed.reshape(n, PARAMETERS, n, HEAVY)
+        by_link[:, heavy] += mixed.T.reshape(n, HEAVY, n, PARAMETERS)
+        by_link[:, heavy, :, heavy] += weight.reshape(n, HEAVY, n, HEAVY)
+        seen.reshape(n, PARAMETERS)[:, heavy] += (gravity @ right[size:].reshape(3, -1)).reshape(n, HEAVY)
         return result, seen
 
     @property
@@ -104,7 +104,7 @@ class Directions:
     def left(self, gravity: FloatArray, weight: FloatArray, width: FloatArray) -> FloatArray:
         """(n,) Nm RMS that free parameters leave, of these standard deviations (14 n,) beforehand."""
         gram, right = self.turned(self.products.summed(self.parts, weight), gravity)
-        own = posterior(gram, right, np.diag(width)).values
+        own = posterior(gram, right, width).values
         values = np.concatenate([own, np.outer(gravity, own[self._heavy]).ravel()])
         squares = self.products.left(self.parts, values, np.arange(len(values)))
         return np.asarray(np.sqrt(squares / np.maximum(self.products.counts(self.parts), 1.0)))

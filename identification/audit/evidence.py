@@ -29,19 +29,25 @@ class Products:
 
     def summed(self, parts: Sequence[int], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gram (K, K) and right side (K,) of some parts with weights (n,) of the joints."""
-        chosen = list(parts)
-        return (
-            np.einsum("pjab,j->ab", self.gram[chosen], weight, optimize=True),
-            np.einsum("pja,j->a", self.right[chosen], weight),
-        )
+        whole = self.together(parts)
+        gram = weight @ whole.gram[0].reshape(len(weight), -1)
+        return gram.reshape(whole.gram.shape[2:]), weight @ whole.right[0]
+
+    def together(self, parts: Sequence[int]) -> Products:
+        """Of some parts as one."""
+        own = (self.gram, self.right, self.square, self.count)
+        if len(parts) == 1:
+            return Products(*(each[parts[0] : parts[0] + 1] for each in own))
+        chosen = np.zeros(len(self.count))
+        chosen[list(parts)] = 1.0
+        return Products(*((chosen @ each.reshape(len(chosen), -1)).reshape(1, *each.shape[1:]) for each in own))
 
     def left(self, parts: Sequence[int], values: FloatArray, columns: IntArray) -> FloatArray:
-        """(n,) sum of squares that (k,) values of some columns leave on some parts."""
-        chosen = list(parts)
-        gram = self.gram[chosen][:, :, columns][..., columns]
-        right = self.right[chosen][..., columns]
-        squares = self.square[chosen] - 2.0 * right @ values + np.einsum("pjab,a,b->pj", gram, values, values)
-        return np.asarray(np.maximum(squares.sum(axis=0), 0.0), dtype=np.float64)
+        """(n,) sum of squares that (k,) values of some columns, which may come twice, leave on some parts."""
+        whole = self.together(parts)
+        every = np.bincount(columns, values, whole.right.shape[2])
+        squares = whole.square[0] + (whole.gram[0] @ every - 2.0 * whole.right[0]) @ every
+        return np.asarray(np.maximum(squares, 0.0), dtype=np.float64)
 
     def counts(self, parts: Sequence[int]) -> FloatArray:
         """(n,) rows of each joint in some parts."""
@@ -70,18 +76,34 @@ def products_of(columns: FloatArray, target: FloatArray, used: BoolArray, part: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """values (k,) and covariance (k, k) of some columns."""
+    """values: (k,) of some columns. factor: F (k, m) of their prior, or its diagonal. root: of the precision of z."""
 
     values: FloatArray
-    covariance: FloatArray
+    factor: FloatArray
+    root: tuple[FloatArray, bool]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(k, k) of the values; most are asked for without."""
+        factor = np.diag(self.factor) if self.factor.ndim == 1 else self.factor
+        return np.asarray(factor @ cho_solve(self.root, factor.T))
 
 
 def posterior(gram: FloatArray, right: FloatArray, factor: FloatArray) -> Estimate:
-    """Of Gaussian parameters F z, z ~ N(0, 1), F (k, m) the factor of their prior."""
-    precision = np.eye(factor.shape[1]) + factor.T @ gram @ factor
-    root = cho_factor(precision)
-    values = factor @ cho_solve(root, factor.T @ right)
-    return Estimate(values, factor @ cho_solve(root, factor.T))
+    """Of Gaussian parameters F z, z ~ N(0, 1); a vector stands for the diagonal of F."""
+    root, seen = _of_standard(gram, right, factor)
+    solved = cho_solve(root, seen)
+    return Estimate(factor * solved if factor.ndim == 1 else factor @ solved, factor, root)
+
+
+def _of_standard(gram: FloatArray, right: FloatArray, factor: FloatArray) -> tuple[tuple[FloatArray, bool], FloatArray]:
+    """Root of the precision (m, m) of z in F z, z ~ N(0, 1), and its right side (m,)."""
+    if factor.ndim == 1:
+        precision, seen = factor[:, None] * gram * factor, factor * right
+    else:
+        precision, seen = factor.T @ gram @ factor, factor.T @ right
+    precision[np.diag_indices_from(precision)] += 1.0
+    return cho_factor(precision), seen
 
 
 def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatArray) -> tuple[
@@ -97,13 +119,8 @@ def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatA
 
 def log_evidence(gram: FloatArray, right: FloatArray, factor: FloatArray) -> float:
     """Log odds of Gaussian parameters F z, z ~ N(0, 1), against none; a vector stands for the diagonal of F."""
-    if factor.ndim == 1:
-        inner, seen = factor[:, None] * gram * factor, factor * right
-    else:
-        inner, seen = factor.T @ gram @ factor, factor.T @ right
-    inner[np.diag_indices_from(inner)] += 1.0
-    root, lower = cho_factor(inner)
-    return float(0.5 * seen @ cho_solve((root, lower), seen) - np.log(np.diag(root)).sum())
+    root, seen = _of_standard(gram, right, factor)
+    return float(0.5 * seen @ cho_solve(root, seen) - np.log(np.diag(root[0])).sum())
 
 
 def between_parts(without: FloatArray) -> FloatArray:

@@ -69,14 +69,14 @@ class Asked:
     ) -> FloatArray:
         """(K,) that explain some folds best, the joints weighed by what they leave."""
         std, every = np.maximum(self.sizes.first_noise, self.sizes.least_noise), np.arange(len(widths))
-        values = np.zeros(len(widths))
+        values, fitted = np.zeros(len(widths)), products.together(parts)
+        counts = np.maximum(fitted.count[0], 1.0)
         for _ in range(_TURNS):
-            gram, right = products.summed(parts, 1.0 / (REPEATED * std**2))
+            gram, right = fitted.summed((0,), 1.0 / (REPEATED * std**2))
             # Torques far smaller than what the parameters may make have no solution in floats without that.
             rounded = len(widths) * np.finfo(np.float64).eps * float(np.diag(gram) @ widths**2)
-            values = posterior(gram + np.diag(rounded / widths**2), right, np.diag(widths)).values
-            left = products.left(parts, values, every) / np.maximum(products.counts(parts), 1.0)
-            std = np.maximum(np.sqrt(left), self.sizes.least_noise)
+            values = posterior(gram + np.diag(rounded / widths**2), right, widths).values
+            std = np.maximum(np.sqrt(fitted.left((0,), values, every) / counts), self.sizes.least_noise)
         return values
 
     def score(self, products: Products, widths: FloatArray) -> Score:

@@ -24,6 +24,7 @@ from identification.fitting.misfit import notes_on_models_contradicted
 from identification.fitting.rms import RmsTable
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
+from identification.remembered import once_per_object
 from identification.robots.installation import Installation
 from identification.robots.model import RobotModel
 
@@ -185,6 +186,16 @@ def misplaced(recordings: Sequence[Recording], robot: RobotModel) -> str:
 
     So it is where another stand is likelier, of recordings at rest or too short, and where joints follow others.
     """
+    return _misplaced_alone(recordings[0], robot) if len(recordings) == 1 else _misplaced(recordings, robot)
+
+
+@once_per_object
+def _misplaced_alone(recording: Recording, robot: RobotModel) -> str:
+    """A recording is asked by its fit, by that of several, and before a load is weighed with it."""
+    return _misplaced([recording], robot)
+
+
+def _misplaced(recordings: Sequence[Recording], robot: RobotModel) -> str:
     parts = [excerpt(recording) for recording in recordings]
     try:
         order = None if robot.mimics else order_of_torques(rows_of(parts), robot, None)

@@ -95,8 +95,8 @@ def changed_torques(recording: Recording, robot: RobotModel) -> tuple[ChangedTor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """Over the rows of each joint (n) and part (M): gram (n, M, p, p) of the columns, their products seen (n, M, p)
-    with the torque, and sums columns (n, M, p), squares, torque, counts (n, M).
+    """Over the rows of each joint (n) from each of M parts on, and of none: gram (n, M + 1, p, p) of the columns, their
+    products seen (n, M + 1, p) with the torque, and sums columns (n, M + 1, p), squares, torque, counts (n, M + 1).
     """
 
     gram: FloatArray
@@ -113,7 +113,7 @@ class _Sums:
         pairs = [[(columns[each, j], rows.torque[each, j]) for each in own] for j, own in enumerate(chosen)]
         return cls(
             *(
-                np.array([[make(y, tau) for y, tau in own] for own in pairs], dtype=np.float64)
+                _from_each_on(np.array([[make(y, tau) for y, tau in own] for own in pairs], dtype=np.float64))
                 for make in (
                     lambda y, _: y.T @ y,
                     lambda y, tau: y.T @ tau,
@@ -129,12 +129,19 @@ class _Sums:
         """With the torque of a joint as it was before, from a moment on."""
         scale, offset = (value, 0.0) if form == "scale" else (1.0, value)
         changed = {name: getattr(self, name).copy() for name in ("seen", "squares", "torque")}
-        after = joint, slice(moment, None)
+        after, before = (joint, slice(moment, None)), (joint, slice(moment))
         counts, columns, torque = self.counts[after], self.columns[after], self.torque[after]
         changed["seen"][after] = (self.seen[after] - offset * columns) / scale
         changed["squares"][after] = (self.squares[after] - 2.0 * offset * torque + offset**2 * counts) / scale**2
         changed["torque"][after] = (torque - offset * counts) / scale
+        for name, values in changed.items():
+            values[before] += values[joint, moment] - getattr(self, name)[joint, moment]
         return replace(self, **changed)
+
+
+def _from_each_on(sums: FloatArray) -> FloatArray:
+    """(n, M + 1, …) sums over each part and those behind it, of those of the parts (n, M, …)."""
+    return np.concatenate([np.cumsum(sums[:, ::-1], axis=1)[:, ::-1], np.zeros_like(sums[:, :1])], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,30 +180,26 @@ def _settled(
     sums: _Sums, joint: int, moment: int, form: str, value: float, first: FloatArray, floor: FloatArray
 ) -> _Settled:
     """One rigid body with the torque of a joint another from a moment on, by turns with the noise that is left."""
-    counts = sums.counts.sum(axis=1)
-    gram, seen, squares = sums.gram.sum(axis=1), sums.seen.sum(axis=1), sums.squares.sum(axis=1)
-    late, at = sums.gram[joint, moment:].sum(axis=0), sums.seen[joint, moment:].sum(axis=0)
-    columns, torque, rows = (each[joint, moment:].sum(axis=0) for each in (sums.columns, sums.torque, sums.counts))
-    std, left = first, squares
+    counts, gram, seen, squares = (each[:, 0] for each in (sums.counts, sums.gram, sums.seen, sums.squares))
+    late, at, columns, torque, rows = (
+        each[joint, moment] for each in (sums.gram, sums.seen, sums.columns, sums.torque, sums.counts)
+    )
+    std, left, own = first, squares, np.eye(len(counts))[joint]
     for _ in range(ROUNDS):
         scale, offset = (value, 0.0) if form == "scale" else (1.0, value)
-        own_gram, own_seen = gram.copy(), seen.copy()
-        own_gram[joint] += (scale**2 - 1.0) * late
-        own_seen[joint] += (scale - 1.0) * at - offset * columns
+        own_seen = seen + own[:, None] * ((scale - 1.0) * at - offset * columns)
         weight = 1.0 / (REPEATED * std**2)
-        values = np.linalg.solve(np.tensordot(weight, own_gram, 1) + np.eye(len(at)), weight @ own_seen)
+        own_gram = np.tensordot(weight, gram, 1) + weight[joint] * (scale**2 - 1.0) * late + np.eye(len(at))
+        values = np.linalg.solve(own_gram, weight @ own_seen)
+        size = float(values @ late @ values)
         if rows > 0.0:
-            size = float(values @ late @ values)
             value = (
                 float(values @ at) / max(size, 1e-300) if form == "scale" else float(torque - values @ columns) / rows
             )
             scale, offset = (value, 0.0) if form == "scale" else (1.0, value)
-            own_gram[joint] = gram[joint] + (scale**2 - 1.0) * late
-            own_seen[joint] = seen[joint] + (scale - 1.0) * at - offset * columns
-        own_squares = squares.copy()
-        own_squares[joint] += offset**2 * rows - 2.0 * offset * torque
-        left = np.maximum(
-            own_squares - 2.0 * own_seen @ values + np.einsum("a,jab,b->j", values, own_gram, values), 0.0
-        )
+            own_seen = seen + own[:, None] * ((scale - 1.0) * at - offset * columns)
+        bent = (gram @ values) @ values + own * (scale**2 - 1.0) * size
+        own_squares = squares + own * (offset**2 * rows - 2.0 * offset * torque)
+        left = np.maximum(own_squares - 2.0 * own_seen @ values + bent, 0.0)
         std = np.maximum(np.sqrt(left / np.maximum(counts, 1.0)), floor)
     return _Settled(float(-(counts * np.log(std)).sum()) / REPEATED, left, value)

@@ -325,7 +325,7 @@ def _left_alone(rows: Rows, columns: FloatArray, width: FloatArray, std: FloatAr
     """RMS of all joints together that the arm leaves of one side where it is fitted to that side only."""
     arm = slice(0, PARAMETERS * len(std))
     products = products_of(columns[..., arm], rows.torque, rows.used, rows.block % PARTS, PARTS)
-    values = posterior(*products.summed(ALL, 1.0 / std**2), np.diag(width[arm])).values
+    values = posterior(*products.summed(ALL, 1.0 / std**2), width[arm]).values
     left = np.where(rows.used, rows.torque - columns[..., arm] @ values, 0.0)
     return float(np.linalg.norm(_rms(left, rows.used)))
 

@@ -137,7 +137,7 @@ def _heard(now: Explanation, after: Explanation) -> FloatArray:
     gram = new.products.gram.sum(axis=0)[:, columns][..., columns]
     counts = np.maximum(new.products.counts(ALL), 1.0)
     moved = (np.where(rows, old.target - new.target, 0.0) ** 2).sum(axis=0)
-    power = (np.einsum("jab,a,b->j", gram, values, values) + moved) / counts
+    power = ((gram @ values) @ values + moved) / counts
     return np.asarray(np.sqrt(power) / now.noise.std)
 
 

@@ -227,17 +227,16 @@ def change_point(values: FloatArray, std: FloatArray) -> ChangePoint:
     """
     size = max(float(np.abs(values).mean()), 1e-12)
     count = len(values)
-    steps = [(np.arange(count) >= at).astype(np.float64) for at in range(1, count)]
-    shapes: list[FloatArray] = [np.zeros(count), np.linspace(0.0, 1.0, count, dtype=np.float64), *steps]
-    evidence = np.empty((len(shapes), len(SCATTERS)))
-    estimates = np.empty((len(shapes), len(SCATTERS), 2))
-    for row, shape in enumerate(shapes):
-        gain = (STEP_WIDTH * size) ** 2 * shape
-        for place, scatter in enumerate(SCATTERS * size):
-            whole = np.diag(std**2 + scatter**2) + (3.0 * size) ** 2 + np.outer(gain, shape)
-            solved = np.linalg.solve(whole, values)
-            evidence[row, place] = -0.5 * values @ solved - 0.5 * np.linalg.slogdet(whole)[1]
-            estimates[row, place] = gain @ solved, (STEP_WIDTH * size) ** 2 - gain @ np.linalg.solve(whole, gain)
+    steps = np.arange(count) >= np.arange(1, count)[:, None]
+    shapes = np.vstack([np.zeros(count), np.linspace(0.0, 1.0, count), steps])
+    variance = (STEP_WIDTH * size) ** 2
+    # Covariances (shapes, scatters, r, r) of the values, and the values and each shape divided by them.
+    by_scatter = (3.0 * size) ** 2 + (std**2 + (SCATTERS[:, None] * size) ** 2)[..., None] * np.eye(count)
+    whole = by_scatter + variance * (shapes[:, :, None] * shapes[:, None])[:, None]
+    solved = np.linalg.solve(whole, np.stack(np.broadcast_arrays(values, shapes), axis=2)[:, None])
+    evidence = -0.5 * solved[..., 0] @ values - 0.5 * np.linalg.slogdet(whole)[1]
+    along = np.einsum("sr,scrk->sck", shapes, solved)
+    estimates = np.stack([variance * along[..., 0], variance - variance**2 * along[..., 1]], axis=2)
     likely = np.exp(evidence - float(evidence.max())).mean(axis=1)
     none, drifting, stepping = float(likely[0]), float(likely[1]), float(likely[2:].mean())
     at = 1 + int(np.argmax(likely[2:]))

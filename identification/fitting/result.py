@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 from identification.arrays import FloatArray
@@ -36,7 +37,7 @@ class FitResult:
     parameters; None if not asked for. rms: lines "fit, base", "fit, physical", and "held out, …" where rows were
     held out. noise_floor_nm: (n,) of the fit's evaluation, nan where the recordings do not tell. misfit: of each
     joint over its noise. torque_delay: of the torque against the position, before any correction. torque_shift: (n,) s
-    by which the torque was taken earlier, zeros without a correction. notes: sentences for the reader.
+    by which the torque was taken earlier, zeros without a correction. told: makes the notes and remembers them.
     provenance: inputs, settings, versions, seed.
     """
 
@@ -57,8 +58,20 @@ class FitResult:
     torque_shift: FloatArray
     pipelines: tuple[str, ...]
     recordings: tuple[Recording, ...]
-    notes: tuple[str, ...]
+    told: Callable[[], tuple[str, ...]]
     provenance: dict[str, Any]
+
+    def __reduce__(self) -> tuple[type[FitResult], tuple[Any, ...]]:
+        """Notes are made first: what makes them cannot be pickled."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return FitResult, tuple({**values, "told": partial(tuple, self.notes)}.values())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the reader. What else the recordings may be than they state is asked with them, which takes
+        longer than the fit where that leaves more than noise.
+        """
+        return self.told()
 
     @property
     def names(self) -> tuple[str, ...]:

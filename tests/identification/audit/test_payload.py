@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,8 @@ def recorded(iiwa14: RobotModel, table3: PhysicalParameters) -> Callable[..., Re
     position, velocity, acceleration = fourier_motion(7, period_s=20.0, samples=2000, seed=3)
     bare = inverse_dynamics(iiwa14, table3, position, velocity, acceleration)
 
+    # What else a recording may be is asked once of each.
+    @cache
     def record(body: pinocchio.Inertia | None, seed: int) -> Recording:
         torque = bare + coloured_noise(bare.shape, deviation=NOISE_NM, correlation=0.5, seed=seed)
         if body is not None:
@@ -69,6 +72,7 @@ def on_link(iiwa14: RobotModel, recording: Recording, link: int, body: pinocchio
     return replace(recording, torque=recording.torque + np.array([pinocchio.rnea(model, data, *s) for s in states]))
 
 
+@cache
 def body_of(mass: float, center: tuple[float, float, float]) -> pinocchio.Inertia:
     return pinocchio.Inertia(mass, np.array(center), 0.4 * mass * 0.05**2 * np.eye(3))
 
