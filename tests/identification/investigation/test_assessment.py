@@ -15,6 +15,7 @@ from identification.excitation import Trajectory, default_trajectory, iiwa_limit
 from identification.investigation import assessment
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
+from identification.investigation.columns import sums_of
 from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
@@ -22,6 +23,7 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.unknown import rows as rows_of_joints
 from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.inputs import Inputs
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 
@@ -129,3 +131,39 @@ def test_free_functions_over_a_motion_more_are_those_that_its_diagnosis_will_hav
         own = wanted[basis.number, basis.group]
         np.testing.assert_allclose(basis.centre, own.centre, atol=1e-12)
         assert basis.scale == pytest.approx(own.scale)
+
+
+def test_free_functions_beyond_what_is_recorded_are_made_only_where_a_motion_goes_there(
+    tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """Truth: every function of both kinds as columns. Half of them were zero, and cost a third of the time."""
+    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
+    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
+    both = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3, motions=(default_trajectory(), wider))
+    rows = rows_of_joints.build_rows(Prepared(tuple(both[:1]), (), (both[0].torque,)), None, {2})
+    known = Discrepancies(tuple(joint.bases for joint in rows.joints), rows.fitted, rows.inputs[0].fade_width)
+    for item, beyond in zip(both, (False, True), strict=True):
+        there = known.columns(item.motion, item.project)[2][0]
+        assert (there.size > known.sizes[2] // 2) == beyond
+        inputs, columns = Inputs(item.motion, known.ranges, known.fade_width, known.ranges), []
+        for basis in known.bases[2]:
+            values, inside = CLASSES[basis.number].functions(basis.group)(inputs, 2)
+            columns += [basis.scaled((values, inside)), basis.scaled((values, 1.0 - inside))]
+        wanted = item.project(np.concatenate(columns, axis=1)) / item.noise[:, 2, None] * item.used[:, 2, None]
+        whitened = item.nominal[:, 2] / item.noise[:, 2, None] * item.used[:, 2, None]
+        found = sums_of(item, [], beside=known).classes[2]
+        np.testing.assert_allclose(found, wanted.T @ np.hstack([wanted, whitened]), atol=1e-9 * np.abs(found).max())
+
+
+def test_the_recordings_are_looked_at_once_for_a_motion_however_often_it_is_repeated(
+    tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3)
+    found = assess(rows)
+    chooser = Chooser.of(found, rows, iiwa14_base, fit_parameters(rows)).thorough
+    motion = experiment(np.random.default_rng(2), Room(iiwa_limits("iiwa14"), np.zeros(7)), "whole_range", 2)
+    over, asked = Discrepancies.over, []
+    monkeypatch.setattr(Discrepancies, "over", lambda *given: asked.append(given) or over(*given))
+    for periods in (4, 8, 16, 4):
+        chooser.foretell(motion, periods)
+    assert len(asked) == 1
