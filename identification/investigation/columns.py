@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -58,11 +59,11 @@ def forms_of(motion: Motion) -> Iterator[tuple[Effect, Place, tuple[Form, ...]]]
             yield effect, place, tuple(Form.of(effect.name, place, dict(shape)) for shape in shapes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sums:
     """Normal equations of base parameters (p) and of the columns of some forms (m): gram (p + m, p + m), and p.
 
-    classes: per joint, those of the columns of classes (q): (q, q + p + m).
+    classes: per joint, those of the columns of classes (q): (q, q + p + m). Not slotted: what is asked is kept.
     """
 
     gram: FloatArray
@@ -91,24 +92,40 @@ class Sums:
             gram[size:, :size] = own[kept, len(own) :]
             gram[:size, size:] = gram[size:, :size].T
             gram[size:, size:] = own[kept[:, None], kept]
-        for number, (own, spread) in enumerate(zip(self.classes, deviations, strict=bool(deviations))):
-            # What no motion so far has reached takes up nothing.
-            there = np.flatnonzero(spread * np.diagonal(own))
-            if there.size:
-                root = spread[there]
-                inner = root[:, None] * own[there[:, None], there] * root
-                inner[np.diag_indices(there.size)] += 1.0
-                factor = cholesky(inner, lower=True, check_finite=False)
-                across = np.zeros((there.size, len(gram)))
-                across[:, :size] = own[there, len(spread) :]
-                if number == joint:
-                    across[:, size:] = own[there[:, None], kept]
-                half = solve_triangular(factor, root[:, None] * across, lower=True, check_finite=False)
-                gram = gram - half.T @ half
+        for number, spread in enumerate(deviations):
+            further = kept if number == joint else kept[:0]
+            there = size + further.size
+            gram[:there, :there] -= self._taken_up(number, spread, further)
         base = gram[:p, :p]
         across = gram[:p, p:]
         rest = gram[p:, p:] - across.T @ scaled_inverse(base) @ across
         return np.asarray(0.5 * (rest + rest.T))
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, bytes], FloatArray]:
+        return {}
+
+    def _taken_up(self, joint: int, spread: FloatArray, kept: IntArray) -> FloatArray:
+        """(size + k, size + k) what classes of a joint take off the columns, and off k of their own that are kept.
+
+        Most hypotheses have the same classes on most joints.
+        """
+        key = joint, spread.tobytes()
+        if not kept.size and key in self._known:
+            return self._known[key]
+        own = self.classes[joint]
+        across = np.concatenate([own[:, len(own) :], own[:, kept]], axis=1)
+        # What no motion so far has reached takes up nothing.
+        there = np.flatnonzero(spread * np.diagonal(own))
+        root = spread[there]
+        inner = root[:, None] * own[there[:, None], there] * root
+        inner[np.diag_indices(there.size)] += 1.0
+        factor = cholesky(inner, lower=True, check_finite=False) if there.size else inner
+        half = solve_triangular(factor, root[:, None] * across[there], lower=True, check_finite=False)
+        taken = half.T @ half
+        if not kept.size:
+            self._known[key] = taken
+        return np.asarray(taken)
 
 
 def scaled_inverse(gram: FloatArray) -> FloatArray:
