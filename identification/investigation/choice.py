@@ -22,7 +22,7 @@ from identification.investigation.equivalences import Equivalence, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
 from identification.investigation.hypotheses import Assessment
-from identification.investigation.separation import Layout, separations, special_cases
+from identification.investigation.separation import Layout, beside_names, separations, special_cases
 from identification.mismatch.evidence import Evidence, PlannedRows
 
 TRIALS, IMPROVEMENTS = 48, 96
@@ -140,12 +140,17 @@ class Chooser:
         after = recorded + sums_of(rows, self.layout.forms, beside=beside)
         told = separations(after, self.layout, alive, beside)
         told[special_cases(after, self.layout, alive)] = np.inf
-        return forecast(alive, self.separated, told)
+        return forecast(alive, self.separated, told, (self.shown_beside, beside_names(after, alive, beside)))
 
     @cached_property
     def separated(self) -> FloatArray:
         """(H, H) λ of the pairs on what is recorded."""
         return separations(self.recorded, self.layout, self.assessment.alive, self.assessment.discrepancies)
+
+    @cached_property
+    def shown_beside(self) -> FloatArray:
+        """(H,) λ of the classes beside each hypothesis on what is recorded."""
+        return beside_names(self.recorded, self.assessment.alive, self.assessment.discrepancies)
 
     def choose(
         self,

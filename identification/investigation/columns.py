@@ -102,7 +102,7 @@ class Sums:
         return np.asarray(0.5 * (rest + rest.T))
 
     @cached_property
-    def _known(self) -> dict[tuple[int, bytes], FloatArray]:
+    def _known(self) -> dict[tuple[int, bytes, bytes], FloatArray]:
         return {}
 
     def _taken_up(self, joint: int, spread: FloatArray, kept: IntArray) -> FloatArray:
@@ -110,8 +110,8 @@ class Sums:
 
         Most hypotheses have the same classes on most joints.
         """
-        key = joint, spread.tobytes()
-        if not kept.size and key in self._known:
+        key = joint, spread.tobytes(), kept.tobytes()
+        if key in self._known:
             return self._known[key]
         own = self.classes[joint]
         across = np.concatenate([own[:, len(own) :], own[:, kept]], axis=1)
@@ -122,10 +122,8 @@ class Sums:
         inner[np.diag_indices(there.size)] += 1.0
         factor = cholesky(inner, lower=True, check_finite=False) if there.size else inner
         half = solve_triangular(factor, root[:, None] * across[there], lower=True, check_finite=False)
-        taken = half.T @ half
-        if not kept.size:
-            self._known[key] = taken
-        return np.asarray(taken)
+        self._known[key] = half.T @ half
+        return self._known[key]
 
 
 def scaled_inverse(gram: FloatArray) -> FloatArray:
