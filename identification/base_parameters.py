@@ -17,6 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -130,6 +131,11 @@ class BaseRegressor:
             (int(column), symbols[int(entries[column]) - _INERTIAL_COUNT], int(links[column]))
             for column in np.flatnonzero(entries >= _INERTIAL_COUNT)
         ]
+
+    @cached_property
+    def ungrouping(self) -> FloatArray:
+        """(full, p) matrix that gives the smallest dynamic parameters of base parameters."""
+        return np.asarray(np.linalg.pinv(self.regrouping), dtype=np.float64)
 
     @property
     def size(self) -> int:

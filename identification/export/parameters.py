@@ -134,7 +134,7 @@ def parameters_of(model: Model, which: str = "consistent", prior: BodyPrior | No
         regressor = BaseRegressor(model.load_robot(), model.options)
         settled = _settled(model, regressor, prior)
         rotor, offset = (regressor.extra_of(settled.full, symbol) for symbol in ("IA", "OFF"))
-        mixed = np.eye(len(settled.full)) - np.linalg.pinv(regressor.regrouping) @ regressor.regrouping
+        mixed = np.eye(len(settled.full)) - regressor.ungrouping @ regressor.regrouping
         alone = np.diag(mixed) < _ROUNDING
         origins = Origins(regressor.full_names, settled, alone, regressor.names)
         return ModelParameters(settled.physical, rotor, offset, origins)

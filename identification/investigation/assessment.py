@@ -26,7 +26,7 @@ from identification.mismatch.settings import PRIOR_COST, SPEAK
 from identification.mismatch.unknown.choice import eliminated
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.evidence import ABSENT, FREE
-from identification.mismatch.unknown.named import shown_on
+from identification.mismatch.unknown.named import energies, shown_on
 from identification.mismatch.unknown.rows import Rows, build_rows
 from identification.mismatch.unknown.selection import FULL_ROUNDS, JointState, Selection
 
@@ -174,13 +174,17 @@ def _weighed(
     absent = among.prior.copy()
     absent[own] = ABSENT
     rest = Selection(replace(among, prior=absent), parts, (1.0,), whole.states)
-    # A smooth error of the model may have any form: a name has to weigh as much as the largest one.
-    worth = whole.total() - rest.total() - _missed(whole, _BACKGROUND)
+    worth = whole.total() - rest.total()
     # An evidence leaves out ½ log FREE of each column beside the base parameters, of which the form has some more.
     gained = whole.total() - nothing.total() + 0.5 * own.size * math.log(FREE)
     log_odds = min(gained, worth) + item.spread + prior - _shared_odds(whole)
-    sizes = [len(joint.bases) for joint in unknown.joints]
+    beside, none = _missed(whole) >= SPEAK, -_shared_odds(nothing)
+    shown, unnamed = energies(whole, touched, own, coefficients)
     described = [number for number, kind in enumerate(CLASSES) if item.effect.name in kind.described]
+    if shown < unnamed or (beside and (_CONSTANT in described or log_odds < none + SPEAK)):
+        # It may be what functions of no known form fail to describe: the diagnosis gives no such name, so none leads.
+        log_odds = min(log_odds, none)
+    sizes = [len(joint.bases) for joint in unknown.joints]
     factors = [state.hyper.noise for state in whole.states]
     free = {
         joint: nearest(parts[0], factors, among.joints[joint], joint, coefficients, described)
@@ -189,7 +193,7 @@ def _weighed(
     }
     return Hypothesis(
         item.effect.name, item.place, item.forms, item.best, coefficients, now.covariance[np.ix_(place, place)],
-        log_odds, beside=variances_of(whole.states, sizes), unnamed=_missed(whole) >= SPEAK,
+        log_odds, beside=variances_of(whole.states, sizes), unnamed=beside,
     ), _noise(whole), free  # fmt: skip
 
 

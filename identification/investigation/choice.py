@@ -16,13 +16,13 @@ from scipy.special import softmax
 from identification.arrays import FloatArray
 from identification.base_parameters import BaseRegressor
 from identification.investigation.added_mass import AddedMass
-from identification.investigation.columns import Form, NoiseLevel, Sums, form_rows, planned, sums_of
+from identification.investigation.columns import Form, NoiseLevel, Sums, Whitened, form_rows, planned, sums_of
 from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.equivalences import Equivalence, inseparable
 from identification.investigation.experiments import PERIOD_S, Experiment, Room, experiments, varied
 from identification.investigation.forecast import Forecast, forecast
 from identification.investigation.hypotheses import Assessment
-from identification.investigation.separation import Layout, separations, special_cases
+from identification.investigation.separation import Layout, beside_names, separations, special_cases
 from identification.mismatch.evidence import Evidence, PlannedRows
 
 TRIALS, IMPROVEMENTS = 48, 96
@@ -70,7 +70,6 @@ class Chooser:
     values: FloatArray
     known: tuple[Form, ...]
     layout: Layout
-    recorded: Sums
     noise: NoiseLevel
     mass: AddedMass | None = None
     over_all: bool = False
@@ -93,17 +92,29 @@ class Chooser:
         pairs = zip(evidences, assessment.evidences, strict=True)
         longest, inflated = max(pairs, key=lambda pair: pair[0].periods)
         noise = NoiseLevel.of(longest, inflated)
-        recorded = _recorded(assessment, layout, assessment.discrepancies)
-        return cls(assessment, regressor, values, tuple(known), layout, recorded, noise, mass)
+        return cls(assessment, regressor, values, tuple(known), layout, noise, mass)
 
     @cached_property
     def thorough(self) -> Chooser:
         """The same with every shape of the hypotheses' grids, and free functions over what all motions reach: slower,
         for what is promised. The diagnosis that a forecast is held against gives a rival the shape that suits it best.
         """
-        layout = Layout.of(self.assessment.alive, None)
-        recorded = _recorded(self.assessment, layout, self.assessment.discrepancies)
-        return replace(self, layout=layout, recorded=recorded, over_all=True)
+        return replace(self, layout=Layout.of(self.assessment.alive, None), over_all=True)
+
+    @cached_property
+    def recorded(self) -> Sums:
+        """All recordings as one body of evidence."""
+        first, *others = (item.sums(self.assessment.discrepancies) for item in self._whitened)
+        return sum(others, start=first)
+
+    @cached_property
+    def _whitened(self) -> tuple[Whitened, ...]:
+        return tuple(Whitened.of(item, self.layout.forms) for item in self.assessment.evidences)
+
+    @cached_property
+    def _wider(self) -> dict[Experiment, tuple[Discrepancies, Sums]]:
+        """Of each motion asked for: free functions over the ranges of all motions, and the recordings with them."""
+        return {}
 
     def rows(self, experiment: Experiment, periods: int) -> PlannedRows:
         """Rows of a motion: settled findings among the nominal columns, misfit without a name among the noise."""
@@ -121,17 +132,25 @@ class Chooser:
         alive, beside = self.assessment.alive, self.assessment.discrepancies
         rows, recorded = self.rows(experiment, periods), self.recorded
         if self.over_all:
-            beside = beside.over([*(item.motion for item in self.assessment.evidences), rows.motion])
-            recorded = _recorded(self.assessment, self.layout, beside)
+            if experiment not in self._wider:
+                wider = beside.over([*(item.motion for item in self.assessment.evidences), rows.motion])
+                classes = zip(*(item.classes(wider) for item in self._whitened), strict=True)
+                self._wider[experiment] = wider, replace(recorded, classes=tuple(sum(own) for own in classes))
+            beside, recorded = self._wider[experiment]
         after = recorded + sums_of(rows, self.layout.forms, beside=beside)
         told = separations(after, self.layout, alive, beside)
         told[special_cases(after, self.layout, alive)] = np.inf
-        return forecast(alive, self.separated, told)
+        return forecast(alive, self.separated, told, (self.shown_beside, beside_names(after, alive, beside)))
 
     @cached_property
     def separated(self) -> FloatArray:
         """(H, H) λ of the pairs on what is recorded."""
         return separations(self.recorded, self.layout, self.assessment.alive, self.assessment.discrepancies)
+
+    @cached_property
+    def shown_beside(self) -> FloatArray:
+        """(H,) λ of the classes beside each hypothesis on what is recorded."""
+        return beside_names(self.recorded, self.assessment.alive, self.assessment.discrepancies)
 
     def choose(
         self,
@@ -207,12 +226,6 @@ class Chooser:
         """Joints, from 0, of the hypotheses that are alive, the most probable first; all where none has a joint."""
         named = [item.place.joint - 1 for item in self.assessment.alive if item.place.joint is not None]
         return list(dict.fromkeys(named))[:3] or list(range(self.assessment.evidences[0].n))
-
-
-def _recorded(assessment: Assessment, layout: Layout, beside: Discrepancies) -> Sums:
-    """All recordings as one body of evidence."""
-    first, *others = (sums_of(item, layout.forms, beside=beside) for item in assessment.evidences)
-    return sum(others, start=first)
 
 
 def lengths(seconds_left: float) -> tuple[int, ...]:

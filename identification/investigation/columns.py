@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -58,11 +59,11 @@ def forms_of(motion: Motion) -> Iterator[tuple[Effect, Place, tuple[Form, ...]]]
             yield effect, place, tuple(Form.of(effect.name, place, dict(shape)) for shape in shapes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sums:
     """Normal equations of base parameters (p) and of the columns of some forms (m): gram (p + m, p + m), and p.
 
-    classes: per joint, those of the columns of classes (q): (q, q + p + m).
+    classes: per joint, those of the columns of classes (q): (q, q + p + m). Not slotted: what is asked is kept.
     """
 
     gram: FloatArray
@@ -91,23 +92,38 @@ class Sums:
             gram[size:, :size] = own[kept, len(own) :]
             gram[:size, size:] = gram[size:, :size].T
             gram[size:, size:] = own[kept[:, None], kept]
-        for number, (own, spread) in enumerate(zip(self.classes, deviations, strict=bool(deviations))):
-            there = np.flatnonzero(spread)
-            if there.size:
-                root = spread[there]
-                inner = root[:, None] * own[there[:, None], there] * root
-                inner[np.diag_indices(there.size)] += 1.0
-                factor = cholesky(inner, lower=True, check_finite=False)
-                across = np.zeros((there.size, len(gram)))
-                across[:, :size] = own[there, len(spread) :]
-                if number == joint:
-                    across[:, size:] = own[there[:, None], kept]
-                half = solve_triangular(factor, root[:, None] * across, lower=True, check_finite=False)
-                gram = gram - half.T @ half
+        for number, spread in enumerate(deviations):
+            further = kept if number == joint else kept[:0]
+            there = size + further.size
+            gram[:there, :there] -= self._taken_up(number, spread, further)
         base = gram[:p, :p]
         across = gram[:p, p:]
         rest = gram[p:, p:] - across.T @ scaled_inverse(base) @ across
         return np.asarray(0.5 * (rest + rest.T))
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, bytes, bytes], FloatArray]:
+        return {}
+
+    def _taken_up(self, joint: int, spread: FloatArray, kept: IntArray) -> FloatArray:
+        """(size + k, size + k) what classes of a joint take off the columns, and off k of their own that are kept.
+
+        Most hypotheses have the same classes on most joints.
+        """
+        key = joint, spread.tobytes(), kept.tobytes()
+        if key in self._known:
+            return self._known[key]
+        own = self.classes[joint]
+        across = np.concatenate([own[:, len(own) :], own[:, kept]], axis=1)
+        # What no motion so far has reached takes up nothing.
+        there = np.flatnonzero(spread * np.diagonal(own))
+        root = spread[there]
+        inner = root[:, None] * own[there[:, None], there] * root
+        inner[np.diag_indices(there.size)] += 1.0
+        factor = cholesky(inner, lower=True, check_finite=False) if there.size else inner
+        half = solve_triangular(factor, root[:, None] * across[there], lower=True, check_finite=False)
+        self._known[key] = half.T @ half
+        return self._known[key]
 
 
 def scaled_inverse(gram: FloatArray) -> FloatArray:
@@ -116,31 +132,49 @@ def scaled_inverse(gram: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(gram * np.outer(scale, scale), _RANK, hermitian=True) * np.outer(scale, scale))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """One recording's columns of base parameters (p) and forms over their noise, (R, n, p + m), and its rows."""
+
+    rows: Rows
+    columns: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None) -> Whitened:
+        """extra: (R, n, k) further columns, put behind those of the forms."""
+        parts = [rows.nominal, *(form_rows(rows, form) for form in forms), *([] if extra is None else [extra])]
+        columns = np.concatenate(parts, axis=2) / rows.noise[..., None]
+        used = getattr(rows, "used", None)
+        return cls(rows, columns if used is None else np.where(used[..., None], columns, 0.0))
+
+    def sums(self, beside: Discrepancies | None = None) -> Sums:
+        """Normal equations. beside: classes whose columns are kept apart."""
+        flat = self.columns.reshape(-1, self.columns.shape[2])
+        return Sums(flat.T @ flat, self.rows.nominal.shape[2], self.classes(beside))
+
+    def classes(self, beside: Discrepancies | None) -> tuple[FloatArray, ...]:
+        """Those of the columns of classes alone, as in `Sums`."""
+        if beside is None:
+            return ()
+        rows, used, found = self.rows, getattr(self.rows, "used", None), []
+        parts = beside.columns(rows.motion, rows.project)
+        for joint, (size, (there, columns)) in enumerate(zip(beside.sizes, parts, strict=True)):
+            products = np.zeros((size, size + self.columns.shape[2]))
+            if there.size:
+                own = columns / rows.noise[:, joint, None]
+                if used is not None:
+                    own = np.where(used[:, joint, None], own, 0.0)
+                products[there[:, None], there] = own.T @ own
+                products[there, size:] = own.T @ self.columns[:, joint]
+            found.append(products)
+        return tuple(found)
+
+
 def sums_of(
     rows: Rows, forms: Sequence[Form], extra: FloatArray | None = None, beside: Discrepancies | None = None
 ) -> Sums:
-    """Normal equations of one recording. extra: (R, n, k) further columns, put behind those of the forms.
-
-    beside: classes whose columns are kept apart.
-    """
-    parts = [rows.nominal, *(form_rows(rows, form) for form in forms)]
-    if extra is not None:
-        parts.append(extra)
-    whitened = np.concatenate(parts, axis=2) / rows.noise[..., None]
-    used = getattr(rows, "used", None)
-    if used is not None:
-        whitened = np.where(used[..., None], whitened, 0.0)
-    flat = whitened.reshape(-1, whitened.shape[2])
-    classes = []
-    for joint, columns in enumerate(() if beside is None else beside.columns(rows.motion, rows.project)):
-        if not columns.size:
-            classes.append(np.zeros((0, flat.shape[1])))
-            continue
-        own = columns / rows.noise[:, joint, None]
-        if used is not None:
-            own = np.where(used[:, joint, None], own, 0.0)
-        classes.append(own.T @ np.concatenate([own, whitened[:, joint]], axis=1))
-    return Sums(flat.T @ flat, rows.nominal.shape[2], tuple(classes))
+    """Normal equations of one recording. extra, beside: as `Whitened` has them."""
+    return Whitened.of(rows, forms, extra).sums(beside)
 
 
 def form_rows(rows: Rows, form: Form) -> FloatArray:
@@ -214,7 +248,7 @@ def planned(
         velocity=velocity,
         acceleration=acceleration,
         torque=matrix @ values,
-        full_parameters=np.linalg.pinv(regressor.regrouping) @ values,
+        full_parameters=regressor.ungrouping @ values,
         periodic=True,
         start_s=period_s * np.arange(periods, dtype=np.float64),
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.arrays import FloatArray
+from identification.arrays import FloatArray, IntArray
 from identification.mismatch.motion import Motion
 from identification.mismatch.unknown.classes import CLASSES, Basis, Part
 from identification.mismatch.unknown.inputs import Inputs, Ranges
@@ -33,20 +33,33 @@ class Discrepancies:
     ranges: Ranges
     fade_width: float
 
-    def columns(self, motion: Motion, project: LinearOperator) -> tuple[FloatArray, ...]:
-        """Per joint (R, q) Nm per unit weight: of each basis within the recorded ranges, then beyond them."""
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number q of columns of each joint."""
+        return tuple(sum(2 * basis.centre.size for basis in bases) for bases in self.bases)
+
+    def columns(self, motion: Motion, project: LinearOperator) -> tuple[tuple[IntArray, FloatArray], ...]:
+        """Per joint places (k,) among its q columns, and these columns (R, k) Nm per unit weight, all others being
+        zero: of each basis within the recorded ranges, then beyond them, where few motions are.
+        """
         inputs = Inputs(motion, self.ranges, self.fade_width, self.ranges)
         shared: dict[tuple[int, int], Part] = {}
         found = []
         for bases in self.bases:
-            parts = []
+            places, parts, start = [], [], 0
             for basis in bases:
                 kind, key = CLASSES[basis.number], (basis.number, basis.group)
-                values, inside = shared[key] if key in shared else kind.groups[basis.group](inputs, basis.joint)
+                values, inside = shared[key] if key in shared else kind.functions(basis.group)(inputs, basis.joint)
                 if kind.shared:
                     shared[key] = values, inside
-                parts += [basis.scaled((values, inside)), basis.scaled((values, 1.0 - inside))]
-            found.append(project(np.concatenate(parts, axis=1)) if parts else np.zeros((0, 0)))
+                for share in (inside, 1.0 - inside):
+                    own = np.arange(start, start + basis.centre.size)
+                    start += own.size
+                    if share.any():
+                        places.append(own)
+                        parts.append(basis.scaled((values, share)))
+            there = np.concatenate(places) if places else np.zeros(0, dtype=np.int64)
+            found.append((there, project(np.concatenate(parts, axis=1)) if parts else np.zeros((0, 0))))
         return tuple(found)
 
     def over(self, motions: Sequence[Motion]) -> Discrepancies:

@@ -2,8 +2,8 @@
 
 Under the truth the log odds against a rival come out as N(now + λ/2, λ), λ being what the new rows add; the size of the
 truth is known with a deviation of its own, over which the probability is averaged. A name also needs a λ of its own
-(`LEAST_SHOWN`): after a motion the size found is the mean of the one known and the one that the motion shows, weighted
-by what each adds.
+(`LEAST_SHOWN`, and no less than the classes beside it): after a motion the size found is the mean of the one known and
+the one that the motion shows, weighted by what each adds.
 """
 
 from __future__ import annotations
@@ -66,15 +66,23 @@ class Forecast:
         return rise >= LEAST_GAIN
 
 
-def forecast(hypotheses: Sequence[Hypothesis], before: FloatArray, after: FloatArray) -> Forecast:
+def forecast(
+    hypotheses: Sequence[Hypothesis],
+    before: FloatArray,
+    after: FloatArray,
+    beside: tuple[FloatArray, FloatArray] | None = None,
+) -> Forecast:
     """before, after: (H, H) λ of `separations`, of all recordings so far and with the motion; infinite after it where
-    the rival has the truth for a special case.
+    the rival has the truth for a special case. beside: (H,) of `beside_names`, before and after; None: none.
     """
     gain = np.maximum(after - before, 0.0)
-    told = [_told(hypotheses, i, before, gain) for i in range(len(hypotheses))]
+    least_now, least = np.maximum(LEAST_SHOWN, np.zeros((2, len(hypotheses))) if beside is None else beside)
+    told = [_told(hypotheses, i, before, gain, float(least[i])) for i in range(len(hypotheses))]
     one = [_all(hypotheses, i, row) for i, row in enumerate(told)]
     standing = np.where(np.isinf(gain), gain, 0.0)
-    now = [_all(hypotheses, i, _told(hypotheses, i, before, standing)) for i in range(len(hypotheses))]
+    now = [
+        _all(hypotheses, i, _told(hypotheses, i, before, standing, float(least_now[i]))) for i in range(len(hypotheses))
+    ]
     weights = np.array([0.0 if item.without_name else item.probability for item in hypotheses])
     pairs = [
         Pair(i, j, float(told[i][j]))
@@ -97,9 +105,11 @@ def stands_out(hypotheses: Sequence[Hypothesis]) -> bool:
     return not others or first - others[0] >= STANDS_OUT
 
 
-def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain: FloatArray) -> FloatArray:
+def _told(
+    hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain: FloatArray, least: float
+) -> FloatArray:
     """(H,) probability that hypothesis `truth`, if it is the true one, leads each rival; in its own place, that it
-    shows as much as a name needs.
+    shows as much as a name needs, a λ of `least`.
     """
     own = hypotheses[truth]
     lead = own.log_odds - np.array([item.log_odds for item in hypotheses])
@@ -113,7 +123,7 @@ def _told(hypotheses: Sequence[Hypothesis], truth: int, before: FloatArray, gain
         deviation = np.sqrt(np.maximum(strength, 1e-12))
         total += weight * ndtr((lead + 0.5 * strength - needed) / deviation)
     shown, more = float(before[truth, truth]), float(gain[truth, truth])
-    total[truth] = 1.0 if own.effect is None else _shown(shown, more, own.relative_std)
+    total[truth] = 1.0 if own.effect is None else _shown(shown, more, own.relative_std, least)
     for j, rival in enumerate(hypotheses):
         if general[j]:
             total[j] = _simpler(rival.coefficients.size - own.coefficients.size)
@@ -158,13 +168,13 @@ def _faded(gain: float, rival: Hypothesis, more: float) -> float:
     return float(chndtr((known - more) * (1.0 + added) / added, rival.coefficients.size, known / added))
 
 
-def _shown(before: float, gain: float, relative_std: float) -> float:
-    """Probability that λ at the size found is LEAST_SHOWN or more. before, gain: λ at the size known so far, of all
+def _shown(before: float, gain: float, relative_std: float, least: float) -> float:
+    """Probability that λ at the size found is `least` or more. before, gain: λ at the size known so far, of all
     recordings and of the motion; relative_std: of that size. What is found later is as far from it as the motion adds.
     """
     whole = max(before + gain, 1e-12)
-    least, deviation = math.sqrt(LEAST_SHOWN / whole), max(relative_std * math.sqrt(gain / whole), 1e-9)
-    return float(ndtr((1.0 - least) / deviation) + ndtr((-1.0 - least) / deviation))
+    share, deviation = math.sqrt(least / whole), max(relative_std * math.sqrt(gain / whole), 1e-9)
+    return float(ndtr((1.0 - share) / deviation) + ndtr((-1.0 - share) / deviation))
 
 
 def _all(hypotheses: Sequence[Hypothesis], truth: int, told: FloatArray) -> float:

@@ -91,6 +91,21 @@ def separations(
     return result
 
 
+def beside_names(sums: Sums, hypotheses: Sequence[Hypothesis], beside: Discrepancies | None) -> FloatArray:
+    """(H,) λ that the classes beside each hypothesis are expected to show on its joint, base parameters taken off."""
+    result = np.zeros(len(hypotheses))
+    for i, item in enumerate(hypotheses):
+        if beside is None or item.best is None or item.place.joint is None:
+            continue
+        joint = item.place.joint - 1
+        spread = beside.deviations(item.beside)[joint]
+        there = np.flatnonzero(spread)
+        if there.size:
+            rest = sums.projected((), (joint, there))
+            result[i] = spread[there] ** 2 @ np.diagonal(rest)[-there.size :]
+    return result
+
+
 def special_cases(sums: Sums, layout: Layout, hypotheses: Sequence[Hypothesis]) -> BoolArray:
     """(H, H) whether a hypothesis (row) is a special case of a rival (column) that has further coefficients, as an
     offset is of a spring: whatever is recorded, the rival explains as much.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, starmap
 
 import numpy as np
+from scipy.fft import irfft
 
 from identification.arrays import BoolArray, FloatArray
 from identification.base_parameters import BaseRegressor
@@ -116,7 +117,7 @@ def with_parameters(evidence: Evidence, regressor: BaseRegressor, values: FloatA
     """The same evidence with the nominal torque and the dynamic parameters of other base parameters (p,)."""
     motion = evidence.motion
     torque = regressor.torque(values, motion.position, motion.velocity, motion.acceleration, motion.direction)
-    full = np.linalg.pinv(regressor.regrouping) @ values
+    full = regressor.ungrouping @ values
     return replace(evidence, motion=replace(motion, torque=torque, full_parameters=full))
 
 
@@ -129,7 +130,7 @@ def rows_to_time(evidence: Evidence, rows: FloatArray) -> FloatArray:
     lines = (rows.shape[0] - 1) // 2
     spectrum[0] = rows[0] * np.sqrt(samples)
     spectrum[1 : lines + 1] = (rows[1::2] + 1j * rows[2::2]) * np.sqrt(samples / 2.0)
-    return np.asarray(np.fft.irfft(spectrum, n=samples, axis=0), dtype=np.float64)
+    return np.asarray(irfft(spectrum, n=samples, axis=0), dtype=np.float64)
 
 
 def periodic_evidence(
@@ -194,7 +195,7 @@ def with_nominal(evidence: Evidence, regressor: BaseRegressor) -> Evidence:
         nominal[:, joint, present] = evidence.project(columns[:, joint, present])
     evidence = replace(evidence, nominal=nominal)
     values = fit_parameters([evidence])
-    full = np.linalg.pinv(regressor.regrouping) @ values
+    full = regressor.ungrouping @ values
     return replace(evidence, motion=replace(motion, torque=columns @ values, full_parameters=full))
 
 

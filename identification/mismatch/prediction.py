@@ -234,7 +234,7 @@ def torque_along(
     time: (S,) s, uniform over one period. states: q, q̇, q̈ there, each (S, n). values: (p,) base parameters.
     The returned function takes anything with `time_s` and gives (n,) Nm; only repeatable effects are in it.
     """
-    full = np.linalg.pinv(regressor.regrouping) @ values
+    full = regressor.ungrouping @ values
     torque = regressor.torque(values, *states)
     width = regressor.options.coulomb_velocity
     motion = Motion(regressor.robot, time, *states, torque, full, True, np.zeros(1), width)

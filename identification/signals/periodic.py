@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.fft import rfft
 
 from identification.arrays import FloatArray, IntArray
 from identification.recordings.recording import Recording
@@ -205,7 +206,7 @@ def differentiate_harmonics(
 def to_lines(values: FloatArray, lines: int) -> FloatArray:
     """Orthonormal real Fourier coefficients of lines 0 … lines along axis 0: (M, …) → (2 lines + 1, …)."""
     samples = values.shape[0]
-    spectrum = np.fft.rfft(values, axis=0)[: lines + 1]
+    spectrum = rfft(values, axis=0)[: lines + 1]
     rows = np.empty((2 * lines + 1, *values.shape[1:]))
     rows[0] = spectrum[0].real / np.sqrt(samples)
     scale = np.sqrt(2.0 / samples)

@@ -214,9 +214,9 @@ def _state(inputs: Inputs, joint: int) -> Part:
     The leading ones of a covariance whose length is one half range in the joint's own state and two in the rest.
     """
     others = [other for other in range(inputs.motion.n) if other != joint]
-    places = [inputs.position[:, joint], inputs.velocity[:, joint], *inputs.position[:, others].T]
-    tables = [smooth_table(length, STATE_ORDER, ()) for length in (1.0, 1.0, *(2.0 for _ in others))]
-    single = [np.ascontiguousarray(tabulated(table, place).T) for table, place in zip(tables, places, strict=True)]
+    places = [("position", joint, 1.0), ("velocity", joint, 1.0), *(("position", other, 2.0) for other in others)]
+    tables = [smooth_table(length, STATE_ORDER, ()) for *_, length in places]
+    single = [inputs.smooth(*place, STATE_ORDER) for place in places]
     # Products that begin alike share their beginning.
     known: dict[tuple[int, ...], FloatArray] = {(): np.ones(inputs.motion.samples)}
     orders = _leading(tuple(tuple(np.linalg.norm(table, axis=0).tolist()) for table in tables))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.fft import irfft, rfft
 
 from identification.arrays import FloatArray
 
@@ -120,5 +121,5 @@ def responses(
     below = s**2 + 2.0 * damping * natural * s + natural**2
     behind = [s * lags_s / (1.0 + s * lags_s) ** order for order in range(1, poles + 1)]
     transfer = np.concatenate([*behind, s * natural / below, s**2 / below], axis=1)
-    spectrum = np.fft.rfft(signal)[:, None]
-    return np.asarray(np.fft.irfft(transfer * spectrum, n=signal.size, axis=0)[:samples], dtype=np.float64)
+    spectrum = rfft(signal)[:, None]
+    return np.asarray(irfft(transfer * spectrum, n=signal.size, axis=0)[:samples], dtype=np.float64)

@@ -15,7 +15,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.mismatch.effects.dynamics import bending_moments, rigid_torque
 from identification.mismatch.motion import Motion
-from identification.mismatch.unknown.functions import fade, responses
+from identification.mismatch.unknown.functions import fade, responses, smooth_table, tabulated
 
 WAVES = 48
 """Random waves over the configuration, of about a half range of each joint."""
@@ -127,7 +127,25 @@ class Inputs:
         """(S, n) 1 where an input is within its limits, fading to 0 beyond."""
         if self.limits is None:
             return np.ones((self.motion.samples, self.motion.n))
-        return fade(self._scaled(name, self.limits), self.fade_width)
+        if name not in self._faded:
+            self._faded[name] = fade(self._scaled(name, self.limits), self.fade_width)
+        return self._faded[name]
+
+    @cached_property
+    def _faded(self) -> dict[str, FloatArray]:
+        return {}
+
+    def smooth(self, name: str, joint: int, length: float, most: int) -> FloatArray:
+        """(m ≤ most, S) smooth functions of an input of a joint, `smooth_table` of this length without a trend."""
+        key = name, joint, length, most
+        if key not in self._smooth:
+            values = tabulated(smooth_table(length, most, ()), getattr(self, name)[:, joint])
+            self._smooth[key] = np.ascontiguousarray(values.T)
+        return self._smooth[key]
+
+    @cached_property
+    def _smooth(self) -> dict[tuple[str, int, float, int], FloatArray]:
+        return {}
 
     def late(self, values: FloatArray, lags_s: FloatArray, poles: int = 1) -> FloatArray:
         """(S, m · lags · poles) what values (S, m) lack where they are followed late (`responses`)."""

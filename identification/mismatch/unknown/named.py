@@ -7,7 +7,7 @@ name describes completely is no rival of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -217,7 +217,7 @@ def _standing(wholes: Sequence[Selection], name: Named, behind: int) -> Standing
     agree = _agreement(whole, own)
     # A function of unknown form has a mean of its own: a constant beside one is part of it.
     part = particular >= SPEAK and any(CLASSES[number].name == "constant" for number in name.described)
-    shown, unnamed = _energies(whole, name, own, size)
+    shown, unnamed = energies(whole, name.joints, own, size)
     clear = shown >= LEAST_SHOWN
     stands = (
         odds >= (SPEAK if _unnamed(whole) else ALTERNATIVE)
@@ -249,7 +249,7 @@ def _unnamed(whole: Selection) -> bool:
     return any(loss >= SPEAK for losses in found for loss in losses)
 
 
-def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) -> tuple[float, float]:
+def energies(whole: Selection, joints: Collection[int], own: IntArray, size: FloatArray) -> tuple[float, float]:
     """λ of a name, and of all classes of its joints together beside it, off the base parameters. own: its columns.
 
     Of the name on all joints: base parameters take up its torque of all of them together.
@@ -259,7 +259,7 @@ def _energies(whole: Selection, name: Named, own: IntArray, size: FloatArray) ->
     for joint, (rows, state) in enumerate(zip(whole.rows.joints, whole.states, strict=True)):
         named[joint] = rows.whitened[:, rows.columns + own] @ size
         weights, base = whole.mean(joint, state)
-        if joint in name.joints:
+        if joint in joints:
             unnamed[joint] = rows.whitened[:, whole.columns(joint, state)] @ weights
             for place in whole.rows.angle_columns:
                 unnamed[joint] += rows.whitened[:, rows.columns : -1][:, place] @ base[place]

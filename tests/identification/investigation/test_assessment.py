@@ -15,6 +15,7 @@ from identification.excitation import Trajectory, default_trajectory, iiwa_limit
 from identification.investigation import assessment
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
+from identification.investigation.columns import sums_of
 from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
@@ -22,6 +23,7 @@ from identification.mismatch.prepared import Prepared
 from identification.mismatch.reduction import build_evidence
 from identification.mismatch.unknown import rows as rows_of_joints
 from identification.mismatch.unknown.classes import CLASSES
+from identification.mismatch.unknown.inputs import Inputs
 from identification.recordings.reader import read_recording
 from identification.robots import RobotModel
 
@@ -35,11 +37,12 @@ def evidences(
     *,
     background: bool,
     spring: float,
+    friction: float = 0.0,
     motions: tuple[Trajectory, ...] = (),
 ) -> list[Evidence]:
     """Motions of an arm with a spring on joint 3, or with a smooth error of the model on all joints.
 
-    motions: none is the shipped one.
+    friction: Nm, of joint 3, as large as the sine of its position. motions: none is the shipped one.
     """
     random = np.random.default_rng(21)
     arm, smooth = Arm(random_links(random)), draw_background(random)
@@ -49,6 +52,7 @@ def evidences(
         torque = arm.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         torque += arm.links.viscous * motion.velocity + arm.links.coulomb * np.sign(motion.velocity)
         torque[:, 2] += spring * motion.position[:, 2]
+        torque[:, 2] += friction * np.sin(motion.position[:, 2]) * np.sign(motion.velocity[:, 2])
         if background:
             torque += smooth.torque(motion)
         noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * random.normal(size=(PERIODS * len(torque), 7))
@@ -87,6 +91,17 @@ def test_a_spring_leads_where_it_is_and_no_form_does_beside_a_smooth_error(
     chooser = Chooser.of(found, rows, iiwa14_base, fit_parameters(rows))
     motion = experiment(np.random.default_rng(2), Room(iiwa_limits("iiwa14"), np.zeros(7)), "whole_range", 2)
     assert chooser.foretell(motion, 4).probability < 0.05
+
+
+def test_beside_a_smooth_error_a_form_is_weighed_by_what_it_explains_and_not_against_all_of_the_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """The error is 1300 nats, of which each form had to lead another share, by hundreds: chance ordered the forms."""
+    monkeypatch.setattr(assessment, "MOST_WEIGHED", 3)
+    found = assess(evidences(tmp_path, iiwa14, iiwa14_base, background=True, spring=0.0, friction=0.1))
+    nothing, first = (next(item for item in found.alive if (item.effect is None) == none) for none in (True, False))
+    assert (first.effect, first.place.joint) == ("position_dependent_friction", 3)
+    assert first.log_odds > nothing.log_odds - assessment.WITHIN
 
 
 @pytest.mark.parametrize("asked", [(), (("cable_spring", 3),)])
@@ -129,3 +144,39 @@ def test_free_functions_over_a_motion_more_are_those_that_its_diagnosis_will_hav
         own = wanted[basis.number, basis.group]
         np.testing.assert_allclose(basis.centre, own.centre, atol=1e-12)
         assert basis.scale == pytest.approx(own.scale)
+
+
+def test_free_functions_beyond_what_is_recorded_are_made_only_where_a_motion_goes_there(
+    tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """Truth: every function of both kinds as columns. Half of them were zero, and cost a third of the time."""
+    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
+    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
+    both = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3, motions=(default_trajectory(), wider))
+    rows = rows_of_joints.build_rows(Prepared(tuple(both[:1]), (), (both[0].torque,)), None, {2})
+    known = Discrepancies(tuple(joint.bases for joint in rows.joints), rows.fitted, rows.inputs[0].fade_width)
+    for item, beyond in zip(both, (False, True), strict=True):
+        there = known.columns(item.motion, item.project)[2][0]
+        assert (there.size > known.sizes[2] // 2) == beyond
+        inputs, columns = Inputs(item.motion, known.ranges, known.fade_width, known.ranges), []
+        for basis in known.bases[2]:
+            values, inside = CLASSES[basis.number].functions(basis.group)(inputs, 2)
+            columns += [basis.scaled((values, inside)), basis.scaled((values, 1.0 - inside))]
+        wanted = item.project(np.concatenate(columns, axis=1)) / item.noise[:, 2, None] * item.used[:, 2, None]
+        whitened = item.nominal[:, 2] / item.noise[:, 2, None] * item.used[:, 2, None]
+        found = sums_of(item, [], beside=known).classes[2]
+        np.testing.assert_allclose(found, wanted.T @ np.hstack([wanted, whitened]), atol=1e-9 * np.abs(found).max())
+
+
+def test_the_recordings_are_looked_at_once_for_a_motion_however_often_it_is_repeated(
+    tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3)
+    found = assess(rows)
+    chooser = Chooser.of(found, rows, iiwa14_base, fit_parameters(rows)).thorough
+    motion = experiment(np.random.default_rng(2), Room(iiwa_limits("iiwa14"), np.zeros(7)), "whole_range", 2)
+    over, asked = Discrepancies.over, []
+    monkeypatch.setattr(Discrepancies, "over", lambda *given: asked.append(given) or over(*given))
+    for periods in (4, 8, 16, 4):
+        chooser.foretell(motion, periods)
+    assert len(asked) == 1

@@ -15,7 +15,7 @@ from identification.investigation.choice import Chooser
 from identification.investigation.columns import Form, Sums
 from identification.investigation.forecast import STANDS_OUT, forecast
 from identification.investigation.hypotheses import NOTHING, Hypothesis
-from identification.investigation.separation import Layout, separations, special_cases
+from identification.investigation.separation import Layout, beside_names, separations, special_cases
 from identification.mismatch.effects.base import Place
 from identification.mismatch.names.alternatives import EXPLAINS_MORE
 from identification.mismatch.settings import ALTERNATIVE, LEAST_SHOWN, SPEAK
@@ -122,6 +122,7 @@ def test_an_offset_gets_its_name_beside_a_spring_that_explains_as_much_whatever_
     chooser: Any = SimpleNamespace(
         assessment=SimpleNamespace(alive=alive, discrepancies=None), recorded=sums, layout=layout,
         separated=separations(sums, layout, alive), rows=lambda *_: None, over_all=False,
+        shown_beside=np.zeros(2),
     )  # fmt: skip
     monkeypatch.setattr(choice, "sums_of", lambda *_, **__: sums)
     found = Chooser.foretell(chooser, None, 4)  # type: ignore[arg-type]
@@ -132,6 +133,28 @@ def test_a_form_that_another_one_only_resembles_is_no_special_case_of_it() -> No
     columns, alive = offset_and_spring(np.random.default_rng(9), 300)
     columns[:, 3] += 0.1 * columns[:, 0] ** 2
     assert not special_cases(Sums(columns.T @ columns, 3), Layout.of(alive), alive).any()
+
+
+def test_a_name_that_will_show_less_than_the_classes_beside_it_is_not_foretold() -> None:
+    """Truth: λ of a class on drawn weights, by rows; and what the diagnosis asks, which gives no such name."""
+    random = np.random.default_rng(10)
+    base, name, other = random.normal(size=(200, 2)), random.normal(size=(200, 1)), random.normal(size=(200, 5))
+    weights, deviation = random.normal(size=(4000, 5)), 0.3
+    left = other - base @ np.linalg.lstsq(base, other, rcond=None)[0]
+    mean = float(((left @ (deviation * weights.T)) ** 2).sum(axis=0).mean())
+    both = np.hstack([base, name])
+    sums = Sums(both.T @ both, 2, (other.T @ np.hstack([other, both]),))
+    form = Form.of("torque_offset", Place(1), {})
+    basis = SimpleNamespace(centre=np.zeros(5))
+    free: Any = SimpleNamespace(deviations=lambda held: (np.repeat(np.sqrt(held[0]), 5),), bases=((basis,),))
+    for share, named in ((0.9, 0.0), (1.1, 1.0)):
+        size = np.sqrt(share * mean / (200.0 - 2.0)) * np.ones(1)
+        held = (np.array([deviation**2]),)
+        truth = Hypothesis("torque_offset", Place(1), (form,), form, size, 1e-12 * np.eye(1), 9.0, 0.9, held)
+        shown = beside_names(sums, (truth, NOTHING), free)
+        assert shown == pytest.approx([mean, 0.0], rel=0.03)
+        told = np.array([[share * mean, 1e6], [1e6, 0.0]])
+        assert forecast((truth, NOTHING), told, told, (shown, shown)).named == pytest.approx(named, abs=1e-6)
 
 
 @pytest.mark.parametrize(("unnamed", "asked"), [(False, STANDS_OUT), (True, SPEAK)])
