@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -133,6 +134,13 @@ def test_what_is_saved_is_what_every_command_reads(ran: dict[str, Any], tmp_path
     assert read.rms_nm == pytest.approx(mine.rms_nm, rel=1e-9)
     extended = ran["answer"].save_model(tmp_path / "extended.json")
     assert ident.validate(extended, folder / "emps_b.npz").result.rows[0].rms_nm.shape == (1,)
+
+
+def test_a_fit_goes_to_another_process_with_its_notes(ran: dict[str, Any]) -> None:
+    model = ran["model"]
+    there = pickle.loads(pickle.dumps(model))
+    assert there.result.notes == model.result.notes
+    np.testing.assert_array_equal(there.result.values, model.result.values)
 
 
 def test_a_fit_is_diagnosed_against_as_its_file_is(ran: dict[str, Any], tmp_path: Path) -> None:
