@@ -1,6 +1,6 @@
 """Nonlinear parameters of one effect, refined beside everything else that is fitted.
 
-A bounded search per parameter, in turns, then all together; base parameters and coefficients are fitted anew at every
+Golden section per parameter, in turns, then all together; base parameters and coefficients are fitted anew at every
 point.
 """
 
@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from identification.arrays import FloatArray
 from identification.mismatch.effects.base import Effect, Place, ShapeParameter
@@ -20,7 +19,10 @@ from identification.mismatch.search.library import EffectRows, Library
 from identification.mismatch.search.screening import coefficients_of, group_gain
 from identification.mismatch.settings import ALTERNATIVE
 
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 STEPS = 12
+# Score below the top of the parabola through three points at which these steps end: a tenth of a standard deviation.
+NEAR_TOP = 0.005
 ROUNDS = 2
 JOINT_STEPS = 8
 # Step of a derivative, as a share of the parameter (of its range where that is linear); gain that ends a refinement.
@@ -230,14 +232,36 @@ def _best_near(
     if parameter.integer:
         points = range(math.ceil(lower), math.floor(upper) + 1)
         return max((at(float(point)) for point in points), key=lambda item: item[0], default=(-math.inf, None))
-    bounds = forward(max(lower, parameter.lower)), forward(min(upper, parameter.upper))
-    asked: list[tuple[float, Member | None]] = []
+    left, right = forward(max(lower, parameter.lower)), forward(min(upper, parameter.upper))
+    inner, outer = right - GOLDEN * (right - left), left + GOLDEN * (right - left)
+    first, second = at(backward(inner)), at(backward(outer))
+    best = max(first, second, key=lambda item: item[0])
+    at_left = at_right = -math.inf
+    for _ in range(STEPS):
+        if first[0] >= second[0]:
+            right, at_right, outer, second = outer, second[0], inner, first
+            inner = right - GOLDEN * (right - left)
+            first = at(backward(inner))
+        else:
+            left, at_left, inner, first = inner, first[0], outer, second
+            outer = left + GOLDEN * (right - left)
+            second = at(backward(outer))
+        best = max(best, first, second, key=lambda item: item[0])
+        if first[0] >= second[0]:
+            rest = _rest_to_top((left, inner, outer), (at_left, first[0], second[0]))
+        else:
+            rest = _rest_to_top((inner, outer, right), (first[0], second[0], at_right))
+        if rest < NEAR_TOP:
+            break
+    return best
 
-    def loss(place: float) -> float:
-        asked.append(at(backward(place)))
-        return -asked[-1][0]
 
-    # Infinitely bad is a value that no rows can be had for; no parabola goes through it.
-    with np.errstate(invalid="ignore"):
-        minimize_scalar(loss, bounds=bounds, options={"maxiter": STEPS, "xatol": SLOPE * (bounds[1] - bounds[0])})
-    return max(asked, key=lambda item: item[0])
+def _rest_to_top(places: tuple[float, float, float], scores: tuple[float, float, float]) -> float:
+    """How much higher than the score in the middle the parabola through three ends; infinite where one is not known."""
+    if not all(map(math.isfinite, scores)):
+        return math.inf
+    before, after = places[1] - places[0], places[2] - places[1]
+    rise, fall = (scores[1] - scores[0]) / before, (scores[1] - scores[2]) / after
+    bend = (rise + fall) / (before + after)
+    slope = (rise * after - fall * before) / (before + after)
+    return slope**2 / (4.0 * bend) if bend > 0.0 else math.inf
