@@ -6,62 +6,26 @@ Truth: files written here with numpy and as plain text.
 from __future__ import annotations
 
 import errno
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from identification.errors import RecordingError, RecordingNotFoundError
+from identification.errors import RecordingError
 from identification.recordings import read_recording, write_recording
 from identification.recordings.labels import label_by_time
-from identification.recordings.reader import robot_of
-
-ROWS, JOINTS, STEP = 600, 7, 0.005
-
-
-def _arrays(seed: int = 0) -> dict[str, Any]:
-    time = np.arange(ROWS) * STEP
-    phase = np.arange(JOINTS)
-    position = np.sin(2.0 * time[:, None] + phase)
-    torque = 5.0 * np.cos(3.0 * time[:, None] + phase)
-    return {"t": time, "q": position, "tau": torque + np.random.default_rng(seed).normal(scale=0.05, size=torque.shape)}
-
-
-def _save(path: Path, **arrays: Any) -> Path:
-    np.savez(path, **arrays)
-    return path
-
-
-def _save_csv(path: Path, arrays: dict[str, Any], head: str = "") -> Path:
-    names = ["t"] + [f"q{j}" for j in range(1, JOINTS + 1)] + [f"tau{j}" for j in range(1, JOINTS + 1)]
-    rows = np.column_stack([arrays["t"], arrays["q"], arrays["tau"]])
-    lines = [",".join(repr(float(value)) for value in row) for row in rows]
-    path.write_text(head + ",".join(names) + "\n" + "\n".join(lines) + "\n")
-    return path
-
-
-def _refused(path: Path, *words: str, exit_code: int = 65) -> RecordingError:
-    with pytest.raises(RecordingError) as caught:
-        read_recording(path)
-    assert caught.value.exit_code == exit_code
-    for word in words:
-        assert word in str(caught.value)
-    assert str(caught.value).count(". ") <= 1, "one sentence, two at most"
-    return caught.value
-
+from tests.identification.recording_files import JOINTS, ROWS, STEP, refused, save_csv, save_npz, whole_arrays
 
 # --- what comes through ------------------------------------------------------------------------------------------
 
 
 def test_npz_arrays_come_through_bit_by_bit(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     optional = {name: np.random.default_rng(3).normal(size=(ROWS, JOINTS)) for name in ("dq", "q_cmd", "tau_ext")}
     optional["dq"] = 2.0 * np.cos(2.0 * arrays["t"][:, None] + np.arange(JOINTS))
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays, **optional, robot="iiwa14"))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays, **optional, robot="iiwa14"))
     np.testing.assert_array_equal(recording.time, arrays["t"])
     np.testing.assert_array_equal(recording.position, arrays["q"])
     np.testing.assert_array_equal(recording.torque, arrays["tau"])
@@ -74,24 +38,24 @@ def test_npz_arrays_come_through_bit_by_bit(tmp_path: Path) -> None:
 
 
 def test_csv_equals_npz(tmp_path: Path) -> None:
-    arrays = _arrays()
-    from_csv = read_recording(_save_csv(tmp_path / "a.csv", arrays, head="# robot=iiwa7\n# period_s=1.0\n"))
-    from_npz = read_recording(_save(tmp_path / "a.npz", **arrays, robot="iiwa7", period_s=1.0))
+    arrays = whole_arrays()
+    from_csv = read_recording(save_csv(tmp_path / "a.csv", arrays, head="# robot=iiwa7\n# period_s=1.0\n"))
+    from_npz = read_recording(save_npz(tmp_path / "a.npz", **arrays, robot="iiwa7", period_s=1.0))
     for name in ("time", "position", "torque", "period_index", "sample_in_period"):
         np.testing.assert_array_equal(getattr(from_csv, name), getattr(from_npz, name))
     assert from_csv.robot == from_npz.robot == "iiwa7"
 
 
 def test_period_labels_follow_the_stated_period(tmp_path: Path) -> None:
-    recording = read_recording(_save(tmp_path / "a.npz", **_arrays(), period_s=1.0))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **whole_arrays(), period_s=1.0))
     assert recording.samples_per_period == 200
     assert recording.complete_periods == 3
     np.testing.assert_array_equal(recording.sample_in_period, np.arange(ROWS) % 200)
 
 
 def test_period_of_zero_or_longer_than_the_recording_means_not_periodic(tmp_path: Path) -> None:
-    assert not read_recording(_save(tmp_path / "a.npz", **_arrays(), period_s=0.0)).is_periodic
-    long = read_recording(_save(tmp_path / "b.npz", **_arrays(), period_s=100.0))
+    assert not read_recording(save_npz(tmp_path / "a.npz", **whole_arrays(), period_s=0.0)).is_periodic
+    long = read_recording(save_npz(tmp_path / "b.npz", **whole_arrays(), period_s=100.0))
     assert not long.is_periodic
     assert long.report.of_kind("short_of_a_period")
 
@@ -115,7 +79,7 @@ def test_labels_survive_jitter_below_half_a_step(periods: int, samples: int, jit
 
 def test_a_header_that_counts_from_zero_loses_no_joint(tmp_path: Path) -> None:
     """q0 was no column, so the joint behind it was missing, and the numbers of the others were one too small."""
-    arrays = _arrays()
+    arrays = whole_arrays()
     names = ["t", *(f"{name}{joint}" for name in ("q", "tau") for joint in range(JOINTS))]
     rows = np.column_stack([arrays["t"], arrays["q"], arrays["tau"]])
     lines = [",".join(names), *(",".join(repr(float(value)) for value in row) for row in rows)]
@@ -134,18 +98,18 @@ def test_a_unit_of_something_else_is_no_reason_to_refuse(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", ["q_units", "tau_units", "units", "torque_unit"])
 def test_a_unit_stated_under_another_name_is_refused_and_not_passed_over(tmp_path: Path, name: str) -> None:
-    _refused(_save(tmp_path / "a.npz", **_arrays(), **{name: "deg"}), name, "q_unit")
-    _refused(_save_csv(tmp_path / "a.csv", _arrays(), f"# {name}: deg\n"), name, "q_unit")
+    refused(save_npz(tmp_path / "a.npz", **whole_arrays(), **{name: "deg"}), name, "q_unit")
+    refused(save_csv(tmp_path / "a.csv", whole_arrays(), f"# {name}: deg\n"), name, "q_unit")
 
 
 # --- what is found and left out ----------------------------------------------------------------------------------
 
 
 def test_non_finite_rows_are_left_out_with_their_place(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["q"][99, 1] = np.nan
     arrays["tau"][299, 0] = np.inf
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     (finding,) = recording.report.of_kind("garbled_rows")
     assert (finding.first_row, finding.last_row, finding.count) == (100, 300, 2)
     assert recording.samples == ROWS - 2
@@ -159,9 +123,9 @@ def test_non_finite_rows_are_left_out_with_their_place(tmp_path: Path) -> None:
 def test_lone_wild_values_are_found_exactly(tmp_path: Path, rows: set[int], size: float, in_torque: bool) -> None:
     chosen = sorted(rows)
     lone = [row for index, row in enumerate(chosen) if index == 0 or row - chosen[index - 1] > 5]
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["tau" if in_torque else "q"][lone, 1] += 10.0 * size if in_torque else size
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     (finding,) = recording.report.of_kind("garbled_rows")
     assert finding.count == len(lone)
     assert (finding.first_row, finding.last_row) == (lone[0] + 1, lone[-1] + 1)
@@ -172,19 +136,19 @@ def test_lone_wild_values_are_found_exactly(tmp_path: Path, rows: set[int], size
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**31), st.floats(0.0, 2.0))
 def test_clean_noisy_motion_loses_no_row(tmp_path: Path, seed: int, noise: float) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     generator = np.random.default_rng(seed)
     arrays["tau"] = arrays["tau"] + generator.normal(scale=noise, size=arrays["tau"].shape)
     arrays["tau"] += np.sign(np.cos(2.0 * arrays["t"]))[:, None]
     arrays["q"] = arrays["q"] + generator.normal(scale=1e-5, size=arrays["q"].shape)
-    assert read_recording(_save(tmp_path / "a.npz", **arrays)).samples == ROWS
+    assert read_recording(save_npz(tmp_path / "a.npz", **arrays)).samples == ROWS
 
 
 def test_repeated_stamps_and_steps_back_are_left_out(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["t"][50] = arrays["t"][49]
     arrays["t"][200] = arrays["t"][190]
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     assert recording.report.of_kind("repeated_rows")[0].first_row == 51
     assert recording.report.of_kind("time_backwards")[0].first_row == 201
     assert np.all(np.diff(recording.time) > 0.0)
@@ -193,9 +157,9 @@ def test_repeated_stamps_and_steps_back_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize("off", [0.0, 0.0021])
 def test_a_clock_that_is_set_back_leaves_a_gap_and_no_leap(tmp_path: Path, off: float) -> None:
     """Truth: of 0.25 s that come twice, both times are left out; then no step in time holds two moments' motion."""
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["t"][300:] -= 0.25 + off
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     before, behind = recording.report.of_kind("time_backwards")
     assert (before.first_row, before.last_row) == (251, 300)
     assert behind.first_row == 301
@@ -206,40 +170,40 @@ def test_a_clock_that_is_set_back_leaves_a_gap_and_no_leap(tmp_path: Path, off: 
 
 
 def test_rows_that_come_late_cost_no_others(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     order = np.arange(ROWS)
     order[100:110] = [106, 107, 108, 109, 100, 101, 102, 103, 104, 105]
-    recording = read_recording(_save(tmp_path / "a.npz", **{name: values[order] for name, values in arrays.items()}))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **{name: values[order] for name, values in arrays.items()}))
     assert recording.samples == ROWS - 6
 
 
 def test_one_wild_stamp_costs_one_row(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["t"][300] = 1e9
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     assert recording.samples == ROWS - 1
     assert recording.report.of_kind("garbled_rows")[0].first_row == 301
 
 
 def test_held_samples_in_motion_are_left_out_but_rest_is_kept(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     for name in ("q", "tau"):
         arrays[name][101:104] = arrays[name][100]
         arrays[name][400:] = arrays[name][400]
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     (finding,) = recording.report.of_kind("repeated_rows")
     assert (finding.first_row, finding.last_row, finding.count) == (102, 104, 3)
     assert recording.samples == ROWS - 3
 
 
 def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     keep = np.ones(ROWS, dtype=np.bool_)
     keep[100:120] = False
     arrays = {name: values[keep] for name, values in arrays.items()}
     arrays["t"] = arrays["t"] + np.random.default_rng(1).uniform(0.0, 0.2 * STEP, arrays["t"].size)
     arrays["q"] = np.sin(2.0 * arrays["t"][:, None] + np.arange(JOINTS))  # sampled when it was stamped
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays))
     (gap,) = recording.report.of_kind("gap")
     assert (gap.first_row, gap.last_row, gap.count) == (100, 101, 1)
     assert "20 samples missing;" in gap.sentence
@@ -248,196 +212,24 @@ def test_gaps_and_jitter_are_reported_with_their_size(tmp_path: Path) -> None:
 
 
 def test_second_encoder_of_zeros_is_no_encoder(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     link = arrays["q"].copy()
     link[:, 2] = 0.0
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays, q_link=link))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays, q_link=link))
     assert recording.link_position is not None
     assert np.isnan(recording.link_position[:, 2]).all()
     assert recording.report.of_kind("no_second_encoder")[0].joint == 3
-
-
-def test_last_line_broken_off_costs_one_row(tmp_path: Path) -> None:
-    path = _save_csv(tmp_path / "a.csv", _arrays())
-    path.write_text(path.read_text()[:-30])
-    recording = read_recording(path)
-    assert recording.samples == ROWS - 1
-    assert recording.report.of_kind("truncated_row")
-
-
-# --- what is refused ---------------------------------------------------------------------------------------------
-
-
-def test_missing_file_ends_with_66(tmp_path: Path) -> None:
-    with pytest.raises(RecordingNotFoundError) as caught:
-        read_recording(tmp_path / "none.npz")
-    assert caught.value.exit_code == 66
-
-
-def test_other_suffixes_and_other_contents_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.bag").write_bytes(b"x")
-    _refused(tmp_path / "a.bag", ".bag", ".npz")
-    for name in ("a.npz", "a.mcap"):
-        (tmp_path / name).write_bytes(b"this is neither")
-        _refused(tmp_path / name, name)
-    (tmp_path / "a.csv").write_bytes(bytes(range(256)))
-    _refused(tmp_path / "a.csv", "a.csv")
-
-
-@pytest.mark.parametrize("name", ["t", "q", "tau"])
-def test_missing_field_is_named(tmp_path: Path, name: str) -> None:
-    arrays = _arrays()
-    del arrays[name]
-    assert _refused(_save(tmp_path / "a.npz", **arrays), f"'{name}'").field == name
-
-
-def test_wrong_shapes_are_named(tmp_path: Path) -> None:
-    arrays = _arrays()
-    _refused(_save(tmp_path / "a.npz", **{**arrays, "q": arrays["q"][:-1]}), "q has shape")
-    _refused(_save(tmp_path / "b.npz", **{**arrays, "tau": arrays["tau"][:, :2]}), "tau has 2")
-    _refused(_save(tmp_path / "c.npz", **{**arrays, "t": arrays["t"][:, None]}), "t has shape")
-    _refused(_save(tmp_path / "d.npz", **{**arrays, "dq": arrays["q"][:, :2]}), "velocity")
-    _refused(_save(tmp_path / "e.npz", **{**arrays, "q": arrays["q"].astype(str)}), "'q'")
-
-
-def test_letters_in_many_rows_of_a_csv_are_named_by_line_and_column(tmp_path: Path) -> None:
-    path = _save_csv(tmp_path / "a.csv", _arrays())
-    lines = path.read_text().splitlines()
-    for index in range(17, len(lines), 3):
-        cells = lines[index].split(",")
-        cells[1 + JOINTS] = "abc"
-        lines[index] = ",".join(cells)
-    path.write_text("\n".join(lines))
-    assert _refused(path, "line 18", "'tau1'", "'abc'").field == "tau1"
-
-
-@pytest.mark.parametrize(
-    ("row", "said"),
-    [
-        ("abc", "line 18: 1 columns where the header has"),
-        ("{}x", f"line 18, column 'tau{JOINTS}': "),
-        ("{},7", "line 18: "),
-        ("t{}", "line 18, column 't': "),
-    ],
-)
-def test_a_garbled_line_of_a_csv_costs_itself_and_is_named(tmp_path: Path, row: str, said: str) -> None:
-    """As a logger leaves it that was disturbed in the middle of a line, or that wrote its header once more."""
-    path = _save_csv(tmp_path / "a.csv", _arrays())
-    lines = path.read_text().splitlines()
-    lines[17] = row.format(lines[17])
-    path.write_text("\n".join(lines))
-    recording = read_recording(path)
-    assert recording.samples == ROWS - 1
-    (unreadable,) = recording.report.of_kind("unreadable_rows")
-    assert (unreadable.first_row, unreadable.last_row, unreadable.count) == (17, 17, 1)
-    assert unreadable.sentence.startswith(said)
-    (left_out,) = recording.report.of_kind("garbled_rows")
-    assert left_out.first_row == left_out.last_row == 17
-
-
-@pytest.mark.parametrize("every", [1, 50])
-def test_words_in_a_column_that_is_not_read_cost_no_row(tmp_path: Path, every: int) -> None:
-    path = _save_csv(tmp_path / "a.csv", _arrays())
-    header, *lines = path.read_text().splitlines()
-    remarked = [f"{line},{'' if number % every else 'moving'}" for number, line in enumerate(lines)]
-    path.write_text("\n".join([f"{header},remark", *remarked]))
-    recording = read_recording(path)
-    np.testing.assert_array_equal(recording.torque, _arrays()["tau"])
-    assert recording.report.findings == ()
-
-
-def test_csv_without_its_columns_says_which(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("t,q1,q2,tau1\n0,1,2,3\n")
-    assert _refused(path, "'tau2'").joint == 2
-    path.write_text("t,q0,q1,tau1,tau2\n0,1,2,3,4\n")
-    _refused(path, "'tau0'")  # as the header counts: tau1 is there
-    path.write_text("clock,q1,tau1\n0,1,2\n")
-    _refused(path, "'t'")
-    path.write_text("t,q1,tau1\n")
-    _refused(path, "no rows")
-    path.write_text("Zeit;q1;tau1\n0,5;1;2\n")
-    _refused(path, "t,q1,…,qn,tau1,…,taun is needed, and the header is: Zeit, q1, tau1")
-    path.write_text("t,q1,tau1\n0,1,2\n", encoding="utf-16")
-    _refused(path, "is no text in UTF-8; save it so")
-
-
-@pytest.mark.parametrize(("separator", "point"), [(";", ","), (";", "."), ("\t", ","), ("\t", ".")])
-def test_a_table_of_semicolons_or_tabs_holds_the_same_numbers(tmp_path: Path, separator: str, point: str) -> None:
-    """As spreadsheets write it where the comma is the decimal sign; it was refused."""
-    path = _save_csv(tmp_path / "a.csv", _arrays())
-    other = path.read_text().replace(",", separator).replace(".", point)
-    (tmp_path / "b.csv").write_text(other, encoding="utf-8-sig")
-    expected, found = read_recording(path), read_recording(tmp_path / "b.csv")
-    for name in ("time", "position", "torque"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-
-
-def test_a_tenth_of_a_second_is_too_short(tmp_path: Path) -> None:
-    arrays = {name: values[:21] for name, values in _arrays().items()}
-    _refused(_save(tmp_path / "a.npz", **arrays), "0.1 s")
-
-
-def test_time_that_stands_still_or_runs_back_is_refused(tmp_path: Path) -> None:
-    arrays = _arrays()
-    _refused(_save(tmp_path / "a.npz", **{**arrays, "t": np.ones(ROWS)}), "stands still")
-    _refused(_save(tmp_path / "b.npz", **{**arrays, "t": arrays["t"][::-1]}), "backwards", "row 2")
-    restart = np.concatenate([arrays["t"][:300], arrays["t"][:300]])
-    _refused(_save(tmp_path / "c.npz", **{**arrays, "t": restart}), "row 301")
-
-
-def test_more_bad_rows_than_a_fifth_are_refused(tmp_path: Path) -> None:
-    arrays = _arrays()
-    arrays["tau"][::4] = np.nan
-    _refused(_save(tmp_path / "a.npz", **arrays), f"150 of {ROWS}", "row 1 in tau1, tau2")
-    unmeasured = np.where(np.arange(JOINTS) == 3, np.nan, _arrays()["tau"])
-    _refused(_save(tmp_path / "c.npz", **{**_arrays(), "tau": unmeasured}), f"{ROWS} of {ROWS}", "row 1 in tau4)")
-    arrays["tau"] = 1e300 * _arrays()["tau"]
-    _refused(_save(tmp_path / "b.npz", **arrays), "beyond any number measured")
-
-
-def test_unknown_units_and_periods_are_refused(tmp_path: Path) -> None:
-    _refused(_save(tmp_path / "a.npz", **_arrays(), tau_unit="lbf ft"), "lbf ft")
-    _refused(_save(tmp_path / "b.npz", **_arrays(), period_s=-1.0), "-1")
-    _refused(_save(tmp_path / "c.npz", **_arrays(), period_s=np.array([1.0, 2.0])), "period_s")
-
-
-def test_currents_are_read_as_currents(tmp_path: Path) -> None:
-    assert read_recording(_save(tmp_path / "a.npz", **_arrays(), tau_unit="A")).torque_unit == "A"
-
-
-# --- which robot -------------------------------------------------------------------------------------------------
-
-
-def test_robot_is_the_files_unless_the_caller_says_otherwise(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text("<robot/>")
-    path = _save(tmp_path / "a.npz", **_arrays(), robot="arm.urdf")
-    assert read_recording(path).robot == str(tmp_path / "arm.urdf")
-    assert read_recording(path, robot="iiwa14").robot == "iiwa14"
-
-
-def test_no_robot_or_two_robots_are_said(tmp_path: Path) -> None:
-    one = read_recording(_save(tmp_path / "a.npz", **_arrays(), robot="iiwa14"))
-    other = read_recording(_save(tmp_path / "b.npz", **_arrays(), robot="iiwa7"))
-    none = read_recording(_save(tmp_path / "c.npz", **_arrays()))
-    assert robot_of([one]) == "iiwa14"
-    spelt = [replace(one, robot=name) for name in ("arm.urdf", "runs/../arm.urdf", str(Path("arm.urdf").resolve()))]
-    assert Path(robot_of(spelt)).name == "arm.urdf"  # an import names the file from its own folder
-    with pytest.raises(RecordingError, match="--robot"):
-        robot_of([none])
-    with pytest.raises(RecordingError, match="iiwa7"):
-        robot_of([one, other])
 
 
 # --- imports as logs ---------------------------------------------------------------------------------------------
 
 
 def test_an_import_is_read_back_bit_by_bit(tmp_path: Path) -> None:
-    arrays = _arrays()
+    arrays = whole_arrays()
     arrays["t"] = arrays["t"] - 1.2345678901234
     arrays["q"][50] = np.nan
     extra = {"q_link": arrays["q"] + 1e-3, "temperature": 30.0 + arrays["q"], "dq": arrays["q"] * 2.0}
-    recording = read_recording(_save(tmp_path / "a.npz", **arrays, **extra, period_s=1.0, robot="iiwa14"))
+    recording = read_recording(save_npz(tmp_path / "a.npz", **arrays, **extra, period_s=1.0, robot="iiwa14"))
     again = read_recording(write_recording(recording, tmp_path / "a.mcap"))
     for name in (
         "time", "position", "torque", "velocity", "link_position", "temperature", "period_index", "sample_in_period",
@@ -451,8 +243,8 @@ def test_an_import_is_read_back_bit_by_bit(tmp_path: Path) -> None:
 
 def test_arrays_that_lie_column_by_column_are_imported_alike(tmp_path: Path) -> None:
     """As a MATLAB file's do, or a transposed array's: numpy stores them so."""
-    arrays = {name: np.asfortranarray(values) for name, values in _arrays().items()}
-    source = _save(tmp_path / "a.npz", **arrays, dq=2.0 * arrays["q"])
+    arrays = {name: np.asfortranarray(values) for name, values in whole_arrays().items()}
+    source = save_npz(tmp_path / "a.npz", **arrays, dq=2.0 * arrays["q"])
     again = read_recording(write_recording(read_recording(source), tmp_path / "a.mcap"))
     np.testing.assert_array_equal(again.position, arrays["q"])
     np.testing.assert_array_equal(again.torque, arrays["tau"])
@@ -462,7 +254,7 @@ def test_an_import_keeps_finding_its_robot_beside_it(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "logs").mkdir()
     (tmp_path / "data" / "arm.urdf").write_text("<robot name='arm'/>")
-    recording = read_recording(_save(tmp_path / "data" / "a.npz", **_arrays(), robot="arm.urdf"))
+    recording = read_recording(save_npz(tmp_path / "data" / "a.npz", **whole_arrays(), robot="arm.urdf"))
     again = read_recording(write_recording(recording, tmp_path / "logs" / "a.mcap"))
     assert again.robot is not None
     assert Path(again.robot).resolve() == (tmp_path / "data" / "arm.urdf").resolve()
