@@ -344,7 +344,7 @@ def test_of_an_arm_of_one_joint_all_torques_are_one_reading(tmp_path: Path) -> N
     ("change", "said"),
     [
         (lambda torque: torque / np.array([1.6, 1.6, 1.6, 1.6, 1.0, 1.6, 1.6]), "different scales"),
-        (lambda torque: torque[:, [0, 1, 2, 3, 4, 6, 5]], "6"),
+        (lambda torque: torque[:, [0, 1, 2, 3, 4, 6, 5]], "joint 6 stands under joint 7"),
     ],
 )
 def test_no_load_is_weighed_with_torques_that_are_misread_alike_on_both_sides(
