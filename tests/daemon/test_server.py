@@ -186,7 +186,7 @@ def test_a_run_whose_operator_cannot_be_heard_any_more_ramps_down_by_itself(tmp_
             hangs.set()
 
     with fake_robot(port, "--json", tmp_path / "robot.json"):
-        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=1.0)
+        request = gentle_request(tmp_path, port, periods=600, supervisor_timeout_s=4.0)
         outcome = run_acquisition(request, observe=observe, stop=Unheard())
     assert outcome.loop is not None
     assert outcome.loop.reason == "SUPERVISOR_LOST"
