@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import sys
 
 __all__ = ["look_for_none_at_the_end", "look_seldom"]
 
@@ -18,4 +19,10 @@ def look_seldom() -> None:
 
 def look_for_none_at_the_end() -> None:
     """What ends needs none: it is a sixth of the time that a process of a run takes to start and end."""
-    atexit.register(gc.freeze)
+    atexit.register(_keep_all)
+
+
+def _keep_all() -> None:
+    # Ruckig's binding prints a page of what it finds not freed.
+    if "ruckig" not in sys.modules:
+        gc.freeze()

@@ -91,6 +91,16 @@ def test_processes_load_nothing_they_do_without(modules: str, unneeded: str) -> 
     assert done.stdout.split() == []
 
 
+def test_ruckig_in_a_circle_says_nothing_when_a_command_ends() -> None:
+    """A proof of the closed loop ended with a page of "nanobind: leaked" on the terminal."""
+    code = (
+        "from daemon.circles import look_seldom; import ruckig; look_seldom(); "
+        "circle = [ruckig.Ruckig(1, 0.001)]; circle.append(circle)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 @pytest.mark.parametrize("columns", [60, 80, 200])
 def test_every_line_of_the_list_is_whole_at_any_width(columns: int) -> None:
     text, _ = run(CALL, "--help", columns=columns)
