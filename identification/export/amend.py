@@ -126,15 +126,12 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
                 wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
             offset = next((number for number in item.numbers if number.name == "offset"), None)
             if offset is not None and abs(offset.value) > 1.96 * offset.std:
-                said = (
-                    f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, which no simulator's "
-                    "file has a place for: apply it as a joint torque."
-                )
+                said = f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, "
                 if any(each.link is not None for each in differences):
-                    said = (
-                        f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, or so much is left of the "
-                        "weight of the body that was written, whose numbers have intervals: not written."
-                    )
+                    said += "or so much is left of the weight of the body that was written, whose numbers have "
+                    said += "intervals: not written."
+                else:
+                    said += "which no simulator's file has a place for: apply it as a joint torque."
                 wanted.left.append(in_units(said, robot.units, (item.joint,)))
         elif item.effect == "rotor_inertia" and has_armature:
             joints = item.joints if item.joint is None else (item.joint,)

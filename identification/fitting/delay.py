@@ -22,6 +22,7 @@ from identification.signals.processed import ProcessedSignals
 
 SMALL_DELAY_S = 1e-3
 """A delay up to this is a small change of the torque, which one column describes."""
+_MILLISECOND = 1e-3
 _SMALLEST_SHARE = 1e-6
 _MOST_ROUNDS = 20
 
@@ -156,12 +157,12 @@ def _taken_off(
             for block, item in zip(blocks, signals, strict=True)
         ]
         found = _solve(moved, [rate[:, :, None] * joints for rate in rates], regressor, estimator)
-        values, late = found.values[: regressor.size], SMALL_DELAY_S * found.values[regressor.size :]
+        values, late = found.values[: regressor.size], _MILLISECOND * found.values[regressor.size :]
         total = total + late
         beside = found.covariance[: regressor.size, regressor.size :]
         own = found.covariance[regressor.size :, regressor.size :]
         spread = beside @ np.linalg.solve(own, beside.T)
-        rounds.append((total, SMALL_DELAY_S * found.std[regressor.size :], 0.5 * (spread + spread.T)))
+        rounds.append((total, _MILLISECOND * found.std[regressor.size :], 0.5 * (spread + spread.T)))
         if np.abs(late).max() <= SMALL_DELAY_S or len(rounds) == _MOST_ROUNDS:
             return rounds
         rates = _rates(blocks, regressor, values)
@@ -190,13 +191,13 @@ def earlier(signals: ProcessedSignals, delay: FloatArray) -> ProcessedSignals:
 def _solve(
     blocks: list[Block], columns: list[FloatArray], regressor: BaseRegressor, estimator: str
 ) -> LeastSquaresResult:
-    """Base parameters and behind them delays in SMALL_DELAY_S, one per column (R, n, k) added to the blocks."""
+    """Base parameters and behind them delays in ms, one per column (R, n, k) added to the blocks."""
     count = columns[0].shape[2]
     names = (*regressor.names, *(f"DELAY_{number}" for number in range(count)))
     augmented = [
         replace(
             block,
-            columns=np.concatenate([block.columns, -SMALL_DELAY_S * column], axis=2),
+            columns=np.concatenate([block.columns, -_MILLISECOND * column], axis=2),
             evaluation=RowsOverTime(()),  # RMS values are not asked for here
         )
         for block, column in zip(blocks, columns, strict=True)

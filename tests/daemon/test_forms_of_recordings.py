@@ -46,10 +46,10 @@ COMMANDS = (
 )
 PAIRS = [
     *((form, COMMANDS[0]) for form in FORMS),
-    *((FORMS[1 + number % (len(FORMS) - 1)], command) for number, command in enumerate(COMMANDS[1:])),
+    *((FORMS[(number + step) % len(FORMS)], command) for number, command in enumerate(COMMANDS[1:]) for step in (0, 3)),
 ]
-"""Every form by one command, every command by one form that numpy does not read by itself: one function reads them all,
-and a command that does not use it is told by any of those.
+"""Every form by one command, every command by two forms: one function reads them, and a command that does not use it is
+told by either.
 """
 
 

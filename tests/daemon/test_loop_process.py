@@ -96,9 +96,9 @@ def drain(process: subprocess.Popen[str], ring: HandoverRing) -> list[HandoverRe
     return records
 
 
-def test_one_period_against_the_fake_robot_is_answered_to_the_last_message(tmp_path: Path) -> None:
-    """For FRI 1.15; that the counts of both sides agree in each version: tests/end_to_end/test_chain.py."""
-    request = request_in(tmp_path)
+@pytest.mark.parametrize("version", ["1.15", "2.5", "2.7"])
+def test_one_period_against_the_fake_robot_is_answered_to_the_last_message(tmp_path: Path, version: str) -> None:
+    request = request_in(tmp_path, fri_version=version)
     with loop_process(tmp_path) as (process, ring):
         wait_until_listening(process, ring)
         with fake_robot(tmp_path, request) as summary_file:
@@ -116,7 +116,7 @@ def test_one_period_against_the_fake_robot_is_answered_to_the_last_message(tmp_p
     # Every sample once, with consecutive counters of the robot.
     driven = [record for record in records if record.phase == MotionPhase.EXCITATION]
     assert [record.sample_in_period for record in driven] == list(range(ROWS))
-    codec = Codec(FriVersion.parse(request.fri_version))
+    codec = Codec(FriVersion.parse(version))
     counters = [codec.decode_monitoring(record.monitoring).header.sequence_counter for record in driven]
     assert np.all(np.diff(counters) == 1)
     assert [span.phase for span in report.phases if span.period == 0] == ["EXCITATION"]

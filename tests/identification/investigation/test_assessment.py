@@ -64,6 +64,13 @@ def evidences(
     return [with_parameters(item, regressor, values) for item in found]
 
 
+def near_and_far(folder: Path, robot: RobotModel, regressor: BaseRegressor) -> list[Evidence]:
+    """The shipped motion, and one that reaches farther, of an arm with a spring on joint 3."""
+    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
+    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
+    return evidences(folder, robot, regressor, background=False, spring=0.3, motions=(default_trajectory(), wider))
+
+
 @pytest.mark.parametrize("background", [False, True])
 def test_a_spring_leads_where_it_is_and_no_form_does_beside_a_smooth_error(
     tmp_path: Path,
@@ -127,9 +134,7 @@ def test_free_functions_over_a_motion_more_are_those_that_its_diagnosis_will_hav
     tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor
 ) -> None:
     """Truth: the functions that are built of both recordings together. The second reaches farther than the first."""
-    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
-    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
-    both = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3, motions=(default_trajectory(), wider))
+    both = near_and_far(tmp_path, iiwa14, iiwa14_base)
     before, after = (
         rows_of_joints.build_rows(Prepared(tuple(own), (), tuple(item.torque for item in own)), None, {2})
         for own in (both[:1], both)
@@ -150,9 +155,7 @@ def test_free_functions_beyond_what_is_recorded_are_made_only_where_a_motion_goe
     tmp_path: Path, iiwa14: RobotModel, iiwa14_base: BaseRegressor
 ) -> None:
     """Truth: every function of both kinds as columns. Half of them were zero, and cost a third of the time."""
-    room = Room(iiwa_limits("iiwa14"), np.zeros(7))
-    wider = experiment(np.random.default_rng(2), room, "whole_range", 2).trajectory("iiwa14")
-    both = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.3, motions=(default_trajectory(), wider))
+    both = near_and_far(tmp_path, iiwa14, iiwa14_base)
     rows = rows_of_joints.build_rows(Prepared(tuple(both[:1]), (), (both[0].torque,)), None, {2})
     known = Discrepancies(tuple(joint.bases for joint in rows.joints), rows.fitted, rows.inputs[0].fade_width)
     for item, beyond in zip(both, (False, True), strict=True):
