@@ -25,7 +25,7 @@ from identification.mismatch.unknown.claims import AngleCurve, ClassClaim, Class
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.robots import Installation, load_robot
 from tests.daemon.producer import make_request
-from tests.fixtures.test_judge_log import line, write_log
+from tests.fixtures.judged_log import line, write_log
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.identification.test_report_diagnosis import diagnosis, finding
 

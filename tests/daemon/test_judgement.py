@@ -10,7 +10,7 @@ import pytest
 from daemon.api import RunOutcome
 from daemon.run.judgement import judged
 from tests.daemon.producer import make_request
-from tests.fixtures.test_judge_log import line, write_log
+from tests.fixtures.judged_log import line, write_log
 
 
 def outcome_of(recording: Path, exit_code: int) -> RunOutcome:
