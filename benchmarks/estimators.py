@@ -34,8 +34,7 @@ from identification.fitting.blocks import Block, build_block
 from identification.fitting.estimate import estimate_parameters
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import load_robot
-from identification.signals import process_periodic
-from identification.signals.periodic import to_lines
+from identification.signals.periodic import process_periodic, to_lines
 from identification.signals.processed import ProcessedSignals, unchanged
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,14 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.estimators import Experiment
-from identification.estimators import (
-    Observation,
-    nearest_physical,
-    rules_for,
-    solve_constrained,
-    solve_least_squares,
-    solve_semidefinite,
-)
+from identification.estimators.constrained import solve_constrained
+from identification.estimators.feasibility import rules_for
+from identification.estimators.least_squares import solve_least_squares
+from identification.estimators.nearest import nearest_physical
+from identification.estimators.observation import Observation
+from identification.estimators.semidefinite import solve_semidefinite
 
 FloatArray = npt.NDArray[np.float64]
 

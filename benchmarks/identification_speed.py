@@ -44,7 +44,8 @@ from identification.fitting.estimate import estimate_parameters
 from identification.recordings import ImportReport, Recording, RecordingSource
 from identification.robots import RobotModel, load_robot
 from identification.robots.model import build_pinocchio_model
-from identification.signals import ProcessedSignals, process_periodic
+from identification.signals.periodic import process_periodic
+from identification.signals.processed import ProcessedSignals
 
 FloatArray = npt.NDArray[np.float64]
 Samples = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # q, q̇, q̈ and torque, each (S, n)

@@ -28,7 +28,7 @@ def feasibility(
     import numpy as np
 
     from identification.base_parameters import BaseRegressor
-    from identification.estimators import nearest_physical
+    from identification.estimators.nearest import nearest_physical
     from identification.excitation import default_trajectory
     from identification.fitting.processing import process
     from identification.fitting.settings import FitSettings

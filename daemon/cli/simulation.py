@@ -131,7 +131,9 @@ def simulate(
     from identification.mismatch.prediction import repeatable
     from identification.model_file import read_model
     from identification.robots.model import refuse_followers
-    from identification.simulation import SimulationSettings, controller_named, motor_inertia_of
+    from identification.simulation.controllers import controller_named
+    from identification.simulation.motor_inertia import motor_inertia_of
+    from identification.simulation.simulate import SimulationSettings
 
     _check_suffix(figure, "--figure", _FIGURE_SUFFIXES)
     _check_suffix(out, "--out", (".npz", ".csv"))
@@ -189,7 +191,7 @@ def _compare(
     from identification.base_parameters import BaseRegressor
     from identification.excitation import default_trajectory, load_trajectory
     from identification.mismatch.prediction import torque_along, torque_along_recording
-    from identification.simulation import compare_with_plan, compare_with_recording
+    from identification.simulation.comparison import compare_with_plan, compare_with_recording
     from identification.validation import as_fitted
 
     terms = model.data.get("class_terms")

@@ -13,15 +13,12 @@ from identification.fitting.settings import FitSettings
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
-from identification.signals import (
-    PeriodicSettings,
-    ProcessedSignals,
-    process_aperiodic,
-    process_as_in_paper,
-    process_periodic,
-)
 from identification.signals.alike import notes_on_alike, one_of_alike
+from identification.signals.aperiodic import process_aperiodic
+from identification.signals.paper_chain import process_as_in_paper
+from identification.signals.periodic import PeriodicSettings, process_periodic
 from identification.signals.periods import period_table
+from identification.signals.processed import ProcessedSignals
 
 SMALLEST_MOTION = 1e-3
 """rad (m); a joint that moves less stands still."""

@@ -26,7 +26,7 @@ from identification.fitting.settings import FitSettings
 from identification.json_values import json_list
 from identification.recordings import Recording
 from identification.robots import RobotModel
-from identification.signals import ProcessedSignals
+from identification.signals.processed import ProcessedSignals
 from identification.simulation.controllers import Controller
 from identification.simulation.dynamics import ExtraTorque
 from identification.simulation.simulate import SimulationResult, SimulationSettings, simulate

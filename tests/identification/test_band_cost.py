@@ -16,7 +16,7 @@ from identification.excitation.reference import default_trajectory
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import read_recording
 from identification.robots import load_robot
-from identification.signals import process_periodic
+from identification.signals.periodic import process_periodic
 from tests.identification.synthetic import inverse_dynamics
 
 NOISE_NM = np.array([0.17, 0.17, 0.12, 0.12, 0.08, 0.04, 0.03])

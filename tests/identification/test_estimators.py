@@ -20,10 +20,9 @@ from identification.fitting.blocks import Block, variances_of
 from identification.fitting.estimate import estimate_parameters
 from identification.recording_fit import FitSettings, fit_recordings
 from identification.robots import load_robot
-from identification.signals import average_periods, process_periodic
 from identification.signals.outliers import bound_outliers_across_periods, clean_across_periods, unclipped_share
-from identification.signals.periodic import to_lines
-from identification.signals.periods import PeriodTable
+from identification.signals.periodic import process_periodic, to_lines
+from identification.signals.periods import PeriodTable, average_periods
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of, table_three
 
 PERIODS, SAMPLES, PERIOD_S = 16, 400, 10.0

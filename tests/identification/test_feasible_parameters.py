@@ -14,19 +14,13 @@ import scipy.optimize
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import SolverError
-from identification.estimators import (
-    FeasibilityRules,
-    LeastSquaresResult,
-    Observation,
-    rules_for,
-    solve_constrained,
-    solve_least_squares,
-    solve_semidefinite,
-    violations,
-)
+from identification.estimators.constrained import solve_constrained
 from identification.estimators.constrained_program import ConstrainedProgram
+from identification.estimators.feasibility import FeasibilityRules, rules_for, violations
 from identification.estimators.interior_point import minimise_inside
-from identification.estimators.semidefinite import relax_constrained_program
+from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
+from identification.estimators.observation import Observation
+from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, robot_from_arrays
 

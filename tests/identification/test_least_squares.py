@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, UndeterminedParametersError
-from identification.estimators import Observation, compress, merge, solve_least_squares
+from identification.estimators.least_squares import solve_least_squares
+from identification.estimators.observation import Observation, compress, merge
 from identification.fitting.blocks import shortest_solution
 from identification.robots import RobotModel, robot_from_arrays
 

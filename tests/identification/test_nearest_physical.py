@@ -18,16 +18,11 @@ import daemon.cli.feasibility  # noqa: F401  registers the command
 from daemon.cli.app import app
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError
-from identification.estimators import (
-    FeasibilityRules,
-    Observation,
-    impossible_parameters,
-    nearest_physical,
-    rules_for,
-    solve_constrained,
-    solve_least_squares,
-    violations,
-)
+from identification.estimators.constrained import solve_constrained
+from identification.estimators.feasibility import FeasibilityRules, rules_for, violations
+from identification.estimators.least_squares import solve_least_squares
+from identification.estimators.nearest import impossible_parameters, nearest_physical
+from identification.estimators.observation import Observation
 from identification.excitation import default_trajectory
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, robot_from_arrays

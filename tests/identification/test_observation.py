@@ -9,8 +9,8 @@ import pytest
 
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError, UndeterminedParametersError
-from identification.estimators import Observation, solve_least_squares
-from identification.estimators.observation import CompressedObservation, compress, compress_joints
+from identification.estimators.least_squares import solve_least_squares
+from identification.estimators.observation import CompressedObservation, Observation, compress, compress_joints
 from identification.robots import RobotModel, robot_from_arrays
 
 FloatArray = np.ndarray

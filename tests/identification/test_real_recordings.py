@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identification.estimators import violations
+from identification.estimators.feasibility import violations
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import read_recording
 from identification.recordings.reader import robot_of

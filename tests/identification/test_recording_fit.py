@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from identification.errors import EstimationError, RecordingError, UndeterminedParametersError
-from identification.estimators import violations
+from identification.estimators.feasibility import violations
 from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitSettings, Split, fit_recordings
 from identification.recordings import Recording

@@ -12,20 +12,17 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from identification.errors import RecordingError
 from identification.recordings import Recording
-from identification.signals import (
-    PeriodicSettings,
-    average_periods,
-    period_table,
-    process_aperiodic,
-    process_as_in_paper,
-    process_periodic,
-)
-from identification.signals.aperiodic import sixth_order_difference, standstill, uniform_grid
+from identification.signals.aperiodic import process_aperiodic, sixth_order_difference, standstill, uniform_grid
 from identification.signals.filter_ends import cutoff_hz
 from identification.signals.gaps import median_over_periods
 from identification.signals.outliers import clean_across_periods
-from identification.signals.paper_chain import wrapped_central_difference, wrapped_zero_phase_filter
-from identification.signals.periodic import differentiate_harmonics, to_lines
+from identification.signals.paper_chain import (
+    process_as_in_paper,
+    wrapped_central_difference,
+    wrapped_zero_phase_filter,
+)
+from identification.signals.periodic import PeriodicSettings, differentiate_harmonics, process_periodic, to_lines
+from identification.signals.periods import average_periods, period_table
 from tests.identification.synthetic import coloured_noise, fourier_motion, recording_of
 
 PERIOD_S, SAMPLES, JOINTS = 4.0, 800, 2

@@ -19,19 +19,18 @@ from identification.export.parameters import ModelParameters
 from identification.export.write import export_model
 from identification.physical_parameters import PhysicalParameters
 from identification.robots import RobotModel, load_robot, robot_from_urdf
-from identification.simulation import (
+from identification.simulation.comparison import inverse_dynamics
+from identification.simulation.controllers import (
     ComputedTorque,
     Controller,
     JointImpedance,
     PositionLoop,
     SetPoint,
-    SimulationSettings,
     State,
     controller_named,
-    motor_inertia_of,
-    simulate,
 )
-from identification.simulation.comparison import inverse_dynamics
+from identification.simulation.motor_inertia import motor_inertia_of
+from identification.simulation.simulate import SimulationSettings, simulate
 from tests.identification.exported import consistent, model_of
 
 MOTORS = np.array([4.4, 4.4, 2.42, 2.42, 1.5125, 0.55, 0.55])

@@ -14,17 +14,10 @@ from identification.fitting.settings import FitSettings
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import load_robot
-from identification.simulation import (
-    ComputedTorque,
-    JointImpedance,
-    PositionLoop,
-    SampledMotion,
-    SimulationSettings,
-    compare_with_plan,
-    compare_with_recording,
-    simulate,
-)
+from identification.simulation.comparison import SampledMotion, compare_with_plan, compare_with_recording
+from identification.simulation.controllers import ComputedTorque, JointImpedance, PositionLoop
 from identification.simulation.figure import draw_comparison, save_figure
+from identification.simulation.simulate import SimulationSettings, simulate
 from tests.identification.exported import consistent, random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 

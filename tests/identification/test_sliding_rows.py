@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import identification as ident
 from identification.recordings import read_recording
-from identification.signals import average_periods, period_table
 from identification.signals.finer_grid import FinerGrid, slides
+from identification.signals.periods import average_periods, period_table
 
 PERIOD_S, PERIODS = 4.0, 8
 MASS, VISCOUS, COULOMB = 95.0, 200.0, 20.0

@@ -13,7 +13,7 @@ import pytest
 
 from identification.errors import RecordingError
 from identification.recordings import Recording, read_recording, write_recording
-from identification.signals import average_periods, period_table
+from identification.signals.periods import average_periods, period_table
 
 PERIOD_S, STEP_S, PERIODS = 4.0, 0.005, 5
 ROWS = round(PERIODS * PERIOD_S / STEP_S)
