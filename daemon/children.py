@@ -53,11 +53,7 @@ class Child:
 
     def wait(self, patience_s: float) -> None:
         """Until it has ended; it is killed where it has not after so many seconds."""
-        try:
-            self.process.wait(patience_s)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        ended_within(self.process, patience_s)
 
     def failed(self) -> DaemonError:
         """The error that says how it ended; its own sentence where the disk refused what it had to write."""
@@ -85,6 +81,22 @@ def start_python(
         [sys.executable, "-m", module, *arguments], pass_fds=pass_fds, stdin=subprocess.DEVNULL, stdout=words,
         stderr=words, start_new_session=True, env=child_environment(),
     )  # fmt: skip
+
+
+def how_ended(code: int) -> str:
+    """The end of a sentence about a process that left no answer."""
+    return f"was ended by signal {-code}" if code < 0 else f"ended with return code {code}"
+
+
+def ended_within(process: subprocess.Popen[bytes], patience_s: float) -> bool:
+    """Whether a process ends by itself within so many seconds; one that does not is killed. It is waited for."""
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return False
+    return True
 
 
 def processes_of(module: str, folder: Path) -> list[psutil.Process]:

@@ -136,7 +136,7 @@ def _follow(port: int, screen: LiveScreen, done: threading.Event) -> None:
 @contextmanager
 def live_served(port: int, options: list[str] | None) -> Iterator[None]:
     """Serve the run on a UDP port by a process of its own while the block lasts; options: of `LiveOptions.server`."""
-    from daemon.children import child_environment
+    from daemon.children import child_environment, ended_within
 
     if options is None:
         yield
@@ -151,8 +151,4 @@ def live_served(port: int, options: list[str] | None) -> Iterator[None]:
         assert process.stdin is not None
         with contextlib.suppress(OSError):
             process.stdin.close()
-        try:
-            process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        ended_within(process, 5.0)

@@ -23,7 +23,7 @@ from daemon.cli.questions import agreed
 from daemon.errors import DaemonError, LogIOError, MissingInputError
 from daemon.queue import control_api as api
 from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
-from daemon.words import counted
+from daemon.words import counted, printable
 
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="Configuration file (YAML); default: for a fake robot.")
@@ -132,7 +132,7 @@ def submit(
         api.SubmitRun(
             trajectory=content,
             suffix=suffix,  # type: ignore[arg-type]  # one of the three, see above
-            name="shipped excitation" if trajectory is None else _printable(trajectory.name),
+            name="shipped excitation" if trajectory is None else printable(trajectory.name, 200),
             periods=periods,
             amplitude=amplitude,
             fit=False if no_fit else None,
@@ -201,10 +201,6 @@ def _content(trajectory: Path) -> bytes:
         raise MissingInputError(str(trajectory), "the trajectory") from error
     except OSError as error:
         raise LogIOError(str(trajectory), error) from error
-
-
-def _printable(name: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in name)[:200]
 
 
 def _confirm_motion(status: api.StatusReply, what: str = "this run") -> None:

@@ -17,6 +17,7 @@ from daemon.api import Message
 from daemon.errors import DaemonError
 from daemon.motion.tool import FARTHEST_M, HEAVIEST_KG
 from daemon.ranges import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE
+from daemon.words import printable
 
 API_VERSION = 1
 MAXIMUM_REQUEST_BYTES = 8 * 1024 * 1024
@@ -139,8 +140,8 @@ class JobView(Message, frozen=True, kw_only=True):
     sentence: str
     name: str
     folder: str
-    submitted_at: str
-    updated_at: str
+    submitted_at: str = ""
+    updated_at: str = ""
     periods: int | None = None
     amplitude: float | None = None
     exit_code: int | None = None
@@ -277,7 +278,7 @@ def decode_request(data: bytes) -> ControlRequest:
             )
         return _request_decoder.decode(data)
     except _UNREADABLE as error:
-        raise RefusedRequestError("bad_request", f"The request cannot be read: {_short(error)}.", 65) from error
+        raise RefusedRequestError("bad_request", f"The request cannot be read: {printable(str(error))}.", 65) from error
 
 
 def decode_reply(data: bytes) -> ControlReply:
@@ -286,11 +287,5 @@ def decode_reply(data: bytes) -> ControlReply:
         return _reply_decoder.decode(data)
     except _UNREADABLE as error:
         raise RefusedRequestError(
-            "bad_reply", f"What answers there does not speak version {API_VERSION}: {_short(error)}.", 76
+            "bad_reply", f"What answers there does not speak version {API_VERSION}: {printable(str(error))}.", 76
         ) from error
-
-
-def _short(value: object) -> str:
-    """A text that an error may repeat: printable and short, whatever was sent."""
-    text = str(value)
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:120])

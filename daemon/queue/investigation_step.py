@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from daemon.api import Message
-from daemon.children import start_python
+from daemon.children import how_ended, start_python
 from daemon.errors import exit_code_of, sentence_of
 from daemon.folders import make_folder
 from daemon.json_files import read_json, write_json
@@ -103,10 +103,9 @@ def _answer_to(order: Order) -> StepAnswer:
     psutil.Process(process.pid).nice(_NICENESS)
     code = process.wait()
     if not answer.is_file():
-        how = f"was ended by signal {-code}" if code < 0 else f"ended with return code {code}"
         return StepAnswer(
-            sentence=f"The investigation's process {how}; everything recorded is kept, and investigation.log has its "
-            "last words. Submit it again with its number to go on.",
+            sentence=f"The investigation's process {how_ended(code)}; everything recorded is kept, and "
+            "investigation.log has its last words. Submit it again with its number to go on.",
             exit_code=70,
         )
     return read_json(answer, StepAnswer)

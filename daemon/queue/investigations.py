@@ -20,7 +20,7 @@ from daemon.queue.control_api import JobPhase, RefusedRequestError, SubmitInvest
 from daemon.queue.investigation_step import Order, StepEnded
 from daemon.queue.job_store import ENDED, MAXIMUM_WAITING, Job, JobStore
 from daemon.run.ladder import RUNGS
-from daemon.times import new_job_id, now_text
+from daemon.times import new_job_id
 
 _NOT_DRIVEN: frozenset[JobPhase] = frozenset({"checking", "queued", "held", "preparing"})
 
@@ -62,7 +62,7 @@ class Investigations:
         for number, run in zip(request.recordings, runs, strict=True):
             if run is None or run.kind != "run":
                 raise RefusedRequestError("no_such_job", f"There is no run {number} here.", 66)
-        job_id, now = new_job_id(self._store.jobs), now_text()
+        job_id = new_job_id(self._store.jobs)
         folder, run_settings = str(self._output / job_id), self._config.run
         order = Order(
             folder=folder,
@@ -81,8 +81,6 @@ class Investigations:
             sentence="Waits to think about its first motion.",
             name="investigation",
             folder=folder,
-            submitted_at=now,
-            updated_at=now,
             order=_asked(order, request),
             unasked=request.unasked,
         )
@@ -135,7 +133,7 @@ class Investigations:
 
     def _ask_for(self, job: Job, amplitude: float) -> None:
         """Put the next motion, or the next rung of its ladder, into the queue, where it waits for the operator."""
-        motions, now = job.motions + 1, now_text()
+        motions = job.motions + 1
         whole = amplitude >= RUNGS[-1]
         run_id = _run_of(job.job_id, motions)
         waits = (
@@ -152,8 +150,6 @@ class Investigations:
             sentence=waits,
             name=f"{rung}of {job.job_id}",
             folder=str(Path(job.folder) / f"motion-{motions:02d}"),
-            submitted_at=now,
-            updated_at=now,
             periods=job.periods if whole else 1,
             amplitude=amplitude,
             suffix=".json",

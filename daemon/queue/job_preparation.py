@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.api import Message, RunRequest
-from daemon.children import start_python
+from daemon.children import ended_within, how_ended, start_python
 from daemon.circles import look_seldom
 from daemon.errors import DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
@@ -79,11 +79,7 @@ class Preparation:
             return Verdict(safe=False, sentence=f"{self._folder}: {error.strerror}.", exit_code=74), None
         if process is None:
             return _CANCELLED, None
-        try:
-            code = process.wait(LONGEST_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if not ended_within(process, LONGEST_S):
             sentence = f"The check of the motion did not end within {LONGEST_S:g} s."
             return Verdict(safe=False, sentence=sentence, exit_code=65), None
         if self._cancelled:
@@ -92,8 +88,8 @@ class Preparation:
             verdict = read_json(self._folder / VERDICT_NAME, Verdict)
             return verdict, read_json(self._folder / REQUEST_NAME, RunRequest) if verdict.safe else None
         except DaemonError:
-            how = f"was ended by signal {-code}" if code < 0 else f"ended with return code {code}"
-            return Verdict(safe=False, sentence=f"The check of the motion {how}.", exit_code=70), None
+            sentence = f"The check of the motion {how_ended(process.returncode)}."
+            return Verdict(safe=False, sentence=sentence, exit_code=70), None
 
     def cancel(self) -> None:
         """End it; `run` then says so."""

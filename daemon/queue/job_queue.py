@@ -23,7 +23,7 @@ from daemon.queue.control_api import JobPhase, JobView, RefusedRequestError, Sub
 from daemon.queue.job_preparation import PreparationJob, Verdict
 from daemon.queue.job_store import MAXIMUM_WAITING, Job, JobStore
 from daemon.queue.job_work import FitEnded, RunEnded, fit_is_alive
-from daemon.times import new_job_id, now_text
+from daemon.times import new_job_id
 
 _MAXIMUM_ATTEMPTS = 2
 _REFUSALS = (1, 65, 66, 78)
@@ -93,7 +93,7 @@ class JobQueue:
         """Take a run in; `done` is called once it is stored. Raises RefusedRequestError when too many wait."""
         if self.waiting() + self.held() >= MAXIMUM_WAITING:
             raise RefusedRequestError("queue_full", f"{MAXIMUM_WAITING} runs wait already; none is taken any more.", 69)
-        job_id, now, run = new_job_id(self.store.jobs), now_text(), self._config.run
+        job_id, run = new_job_id(self.store.jobs), self._config.run
         job = Job(
             job_id=job_id,
             kind="run",
@@ -101,8 +101,6 @@ class JobQueue:
             sentence="Its motion is being checked.",
             name=request.name,
             folder=str(self._output / job_id),
-            submitted_at=now,
-            updated_at=now,
             periods=run.periods if request.periods is None else request.periods,
             amplitude=run.amplitude if request.amplitude is None else request.amplitude,
             confirmed=request.confirmed,
@@ -235,7 +233,6 @@ class JobQueue:
         run = self.store.jobs[run_id]
         if not run.fit:
             return
-        now = now_text()
         job = Job(
             job_id=f"{run_id}-fit",
             kind="fit",
@@ -243,8 +240,6 @@ class JobQueue:
             sentence="Waits to be fitted.",
             name=run.name,
             folder=run.folder,
-            submitted_at=now,
-            updated_at=now,
         )
         self.store.add(job, None)
 

@@ -21,7 +21,6 @@ from typing import Any
 
 import msgspec
 
-from daemon.api import Message
 from daemon.errors import DaemonError, LogIOError
 from daemon.json_files import read_json, write_bytes_atomically, write_json
 from daemon.queue.control_api import JobKind, JobPhase, JobView
@@ -35,8 +34,8 @@ MAXIMUM_KEPT = 500
 ENDED: frozenset[JobPhase] = frozenset({"done", "refused", "stopped", "failed", "interrupted", "cancelled"})
 
 
-class Job(Message, frozen=True, kw_only=True):
-    """A run, a fit or an investigation, as it stands in its file.
+class Job(JobView, frozen=True, kw_only=True):
+    """A run, a fit or an investigation, as it stands in its file: what clients see of it, and what they do not.
 
     folder: of the run, absolute. confirmed: see SubmitRun. suffix: of the submitted file, none for the shipped motion.
     fit: whether one follows the run. worker_pid, attempts: of a fit.
@@ -47,20 +46,11 @@ class Job(Message, frozen=True, kw_only=True):
     number: of the motion. asks: what it is for.
     """
 
-    job_id: str
-    kind: JobKind
-    phase: JobPhase
-    sentence: str
-    name: str
-    folder: str
-    submitted_at: str
-    updated_at: str
     periods: int = 0
     amplitude: float = 1.0
     confirmed: bool = False
     suffix: str | None = None
     fit: bool = False
-    exit_code: int | None = None
     worker_pid: int | None = None
     attempts: int = 0
     order: Order | None = None
@@ -80,12 +70,8 @@ class Job(Message, frozen=True, kw_only=True):
 
     def view(self) -> JobView:
         """What clients see of it."""
-        run = self.kind == "run"
-        return JobView(
-            periods=self.periods if run else None,
-            amplitude=self.amplitude if run else None,
-            **{name: getattr(self, name) for name in JobView.__struct_fields__ if name not in ("periods", "amplitude")},
-        )
+        seen = {name: getattr(self, name) for name in JobView.__struct_fields__}
+        return JobView(**(seen if self.kind == "run" else seen | {"periods": None, "amplitude": None}))
 
 
 class JobStore:
@@ -118,6 +104,8 @@ class JobStore:
 
     def add(self, job: Job, trajectory: bytes | None, done: Callable[[OSError | None], None] | None = None) -> None:
         """Take a new job in; the writing thread calls `done` once it is on the disk, or with what prevents it."""
+        now = now_text()
+        job = msgspec.structs.replace(job, submitted_at=now, updated_at=now)
         self.jobs[job.job_id] = job
         self._prune()
 

@@ -215,7 +215,7 @@ class Service:
             )
 
     def _status(self) -> api.StatusReply:
-        progress, run = self._progress, self._run_id is not None
+        progress = RunEvent(kind="", sentence="") if self._run_id is None else self._progress
         return api.StatusReply(
             state=self._state.value,
             sentence=self._sentence(),
@@ -231,12 +231,12 @@ class Service:
             investigation=self._step_id,
             waiting=self._jobs.waiting(),
             held=self._jobs.held(),
-            motion_phase=progress.phase if run else "",
-            period=progress.period if run else -1,
-            periods=progress.periods if run else 0,
-            samples=progress.samples if run else 0,
-            missing=progress.missing if run else 0,
-            lost_in_handover=progress.lost_in_handover if run else 0,
+            motion_phase=progress.phase,
+            period=progress.period,
+            periods=progress.periods,
+            samples=progress.samples,
+            missing=progress.missing,
+            lost_in_handover=progress.lost_in_handover,
             malformed=self._socket.malformed,
             recent=self._log.recent,
         )

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.api import RunEvent, RunOutcome
+from daemon.children import ended_within
 from daemon.errors import ChildProcessFailedError
 from daemon.folders import make_folder
 from daemon.motion.preparation import PreparedMotion, write_run_request
@@ -60,11 +61,7 @@ def fake_robot(
             yield None if hidden_effect is None else _published(process, summary.with_suffix(".log"))
         finally:
             process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(_END_ALLOWANCE_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            ended_within(process, _END_ALLOWANCE_S)
     if not summary.is_file():
         raise ChildProcessFailedError("fake robot", process.returncode, log_tail(summary.with_suffix(".log")))
 

@@ -32,20 +32,15 @@ class VersionEvidence:
         return bool(self._unreadable)
 
     def mismatch(self) -> str:
-        """The sentence of `version_sentence` for the first datagram that could not be read."""
-        return version_sentence(self._unreadable, self._error, self._version)
+        """What the first datagram that could not be read is instead, found by trying the other wire formats."""
+        seen, mine = guess_version(self._unreadable).candidates, self._version
+        if not seen:
+            return f"Datagrams arrive, but none is a message of FRI {mine}: {self._error}"
+        return f"The robot speaks FRI {seen[0]}, but this run was told FRI {mine}: choose --fri-version {seen[0]}."
 
     def doubt(self) -> str:
         """The sentence of `version_doubt` for the first message that could be read."""
         return version_doubt(self._readable, self._version)
-
-
-def version_sentence(datagram: bytes, error: str, mine: FriVersion) -> str:
-    """What a datagram that is none of version `mine` is instead, found by trying the other wire formats."""
-    seen = guess_version(datagram).candidates
-    if not seen:
-        return f"Datagrams arrive, but none is a message of FRI {mine}: {error}"
-    return f"The robot speaks FRI {seen[0]}, but this run was told FRI {mine}: choose --fri-version {seen[0]}."
 
 
 def version_doubt(datagram: bytes, mine: FriVersion) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ import pinocchio
 from identification.arrays import FloatArray
 from identification.errors import ModelFileError
 from identification.export.arm import link_at, origin, root_link
+from identification.export.sdf import sdf_inertial
+from identification.export.urdf import urdf_inertial
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw, sdf_pose
 from identification.physical_parameters import pseudo_inertia, symmetric
 
@@ -59,12 +61,39 @@ def _central(matrix: FloatArray, link: str, file: Path) -> tuple[float, FloatArr
     return mass, center, np.trace(about) * np.eye(3) - about
 
 
-def _pseudo(mass: float, center: FloatArray, about: FloatArray) -> FloatArray:
+def _pseudo(mass: float, center: FloatArray, axes: FloatArray, inertia: FloatArray) -> FloatArray:
+    """Pseudo-inertia of a body whose inertia about its centre is stated along the columns of `axes`."""
+    about = axes @ inertia @ axes.T
     return moment_matrix(mass, mass * center, about + mass * (center @ center * np.eye(3) - np.outer(center, center)))
 
 
 def _tensor(entries: Mapping[str, float]) -> FloatArray:
     return symmetric(np.array([entries.get(symbol, 0.0) for _, _, symbol in INERTIA_SYMBOLS]))
+
+
+def _tree(source: Path) -> ElementTree.ElementTree[ElementTree.Element]:
+    return ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+
+
+def _add_body(
+    link: ElementTree.Element,
+    added: FloatArray,
+    file: Path,
+    stated: Callable[[ElementTree.Element], FloatArray],
+    write: Callable[[float, FloatArray, FloatArray], ElementTree.Element],
+) -> None:
+    """Replace a link's <inertial> by that of it and what is added. stated, write: of the format."""
+    inertial, whole = link.find("inertial"), added
+    if inertial is not None:
+        whole = added + stated(inertial)
+        link.remove(inertial)
+    link.insert(0, write(*_central(whole, link.get("name", ""), file)))
+
+
+def _child(parent: ElementTree.Element, tag: str) -> ElementTree.Element:
+    """The element under another, which is made where there is none."""
+    found = parent.find(tag)
+    return add(parent, tag) if found is None else found
 
 
 def _named(root: ElementTree.Element, tag: str, name: str, file: Path) -> ElementTree.Element:
@@ -84,31 +113,14 @@ def _from(target: Path, source: Path, name: str) -> str:
 
 def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
     """A URDF with the changes. A turned base hangs on a link `world`, as simulators expect it."""
-    tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
-    root: ElementTree.Element = tree.getroot()
+    tree = _tree(source)
+    root = tree.getroot()
     for joint, added in changes.bodies.items():
         link = _named(root, "link", link_at(_named(root, "joint", joint, source), "child"), source)
-        inertial = link.find("inertial")
-        whole = added.copy()
-        if inertial is not None:
-            pose = origin(inertial)
-            entries = inertial.find("inertia")
-            about = _tensor({} if entries is None else {key: float(value) for key, value in entries.items()})
-            mass = inertial.find("mass")
-            whole += _pseudo(0.0 if mass is None else float(mass.get("value", 0.0)), pose.translation,
-                             pose.rotation @ about @ pose.rotation.T)  # fmt: skip
-            link.remove(inertial)
-        mass_kg, center, tensor = _central(whole, link.get("name", ""), source)
-        inertial = ElementTree.Element("inertial")
-        link.insert(0, inertial)
-        add(inertial, "origin", xyz=numbers(center), rpy="0 0 0")
-        add(inertial, "mass", value=number(mass_kg))
-        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in INERTIA_SYMBOLS})
+        _add_body(link, added, source, _urdf_body, urdf_inertial)
     for key, table in (("damping", changes.viscous), ("friction", changes.coulomb)):
         for joint, more in table.items():
-            element = _named(root, "joint", joint, source)
-            dynamics = element.find("dynamics")
-            dynamics = add(element, "dynamics") if dynamics is None else dynamics
+            dynamics = _child(_named(root, "joint", joint, source), "dynamics")
             dynamics.set(key, number(max(0.0, float(dynamics.get(key, 0.0)) + more)))
     if changes.turn is not None:
         _turn_urdf(root, changes.turn)
@@ -117,14 +129,20 @@ def write_urdf_changes(source: Path, target: Path, changes: Changes) -> None:
     tree.write(target, encoding="utf-8", xml_declaration=True)
 
 
+def _urdf_body(inertial: ElementTree.Element) -> FloatArray:
+    pose, mass, entries = origin(inertial), inertial.find("mass"), inertial.find("inertia")
+    tensor = _tensor({} if entries is None else {key: float(value) for key, value in entries.items()})
+    mass_kg = 0.0 if mass is None else float(mass.get("value", 0.0))
+    return _pseudo(mass_kg, pose.translation, pose.rotation, tensor)
+
+
 def _turn_urdf(root: ElementTree.Element, turn: FloatArray) -> None:
     base = root_link(root)
     if base == "world":
         for joint in root.findall("joint"):
             if link_at(joint, "parent") == "world":
                 pose = pinocchio.SE3(turn, np.zeros(3)) * origin(joint)
-                stated = joint.find("origin")
-                stated = add(joint, "origin") if stated is None else stated
+                stated = _child(joint, "origin")
                 stated.set("xyz", numbers(pose.translation))
                 stated.set("rpy", numbers(roll_pitch_yaw(pose.rotation)))
         return
@@ -137,37 +155,17 @@ def _turn_urdf(root: ElementTree.Element, turn: FloatArray) -> None:
 
 def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
     """An SDF with the changes; a turned base is the pose of its model."""
-    tree = ElementTree.parse(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
-    root: ElementTree.Element = tree.getroot()
+    tree = _tree(source)
+    root = tree.getroot()
     for joint, added in changes.bodies.items():
         link = _named(root, "link", _named(root, "joint", joint, source).findtext("child", "").strip(), source)
-        inertial = link.find("inertial")
-        whole = added.copy()
-        if inertial is not None:
-            pose = sdf_pose(inertial)
-            entries = inertial.find("inertia")
-            about = _tensor({} if entries is None else {item.tag: float(item.text or 0.0) for item in entries})
-            whole += _pseudo(
-                float(inertial.findtext("mass", "0")), pose.translation, pose.rotation @ about @ pose.rotation.T
-            )
-            link.remove(inertial)
-        mass_kg, center, tensor = _central(whole, link.get("name", ""), source)
-        inertial = ElementTree.Element("inertial")
-        link.insert(0, inertial)
-        add(inertial, "pose", numbers([*center, 0.0, 0.0, 0.0]))
-        add(inertial, "mass", number(mass_kg))
-        inertia = add(inertial, "inertia")
-        for row, column, symbol in INERTIA_SYMBOLS:
-            add(inertia, symbol, number(tensor[row, column]))
+        _add_body(link, added, source, _sdf_body, sdf_inertial)
     for key, table in (("damping", changes.viscous), ("friction", changes.coulomb)):
         for joint, more in table.items():
             axis = _named(root, "joint", joint, source).find("axis")
             if axis is None:
                 raise ModelFileError.at(source, f"joint '{joint}' has no axis; nothing was written.")
-            dynamics = axis.find("dynamics")
-            dynamics = add(axis, "dynamics") if dynamics is None else dynamics
-            element = dynamics.find(key)
-            element = add(dynamics, key, "0") if element is None else element
+            element = _child(_child(axis, "dynamics"), key)
             element.text = number(max(0.0, float(element.text or 0.0) + more))
     if changes.turn is not None:
         model = next(root.iter("model"))
@@ -182,6 +180,12 @@ def write_sdf_changes(source: Path, target: Path, changes: Changes) -> None:
     tree.write(target, encoding="utf-8", xml_declaration=True)
 
 
+def _sdf_body(inertial: ElementTree.Element) -> FloatArray:
+    pose, entries = sdf_pose(inertial), inertial.find("inertia")
+    tensor = _tensor({} if entries is None else {item.tag: float(item.text or 0.0) for item in entries})
+    return _pseudo(float(inertial.findtext("mass", "0")), pose.translation, pose.rotation, tensor)
+
+
 def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
     """An MJCF with the changes; a turned base is another direction of gravity in its world."""
     import mujoco
@@ -193,8 +197,7 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
         own = compiled.body(body.id)  # a body of MJCF need not have a name
         axes = np.zeros(9)
         mujoco.mju_quat2Mat(axes, own.iquat)
-        frame = axes.reshape(3, 3)
-        whole = added + _pseudo(float(own.mass[0]), own.ipos, frame @ np.diag(own.inertia) @ frame.T)
+        whole = added + _pseudo(float(own.mass[0]), own.ipos, axes.reshape(3, 3), np.diag(own.inertia))
         mass_kg, center, tensor = _central(whole, body.name or f"moved by {joint}", source)
         moments, vectors = np.linalg.eigh(tensor)
         vectors[:, 2] *= np.sign(np.linalg.det(vectors))

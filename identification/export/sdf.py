@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pinocchio
 
+from identification.arrays import FloatArray
 from identification.export.arm import Arm, Body, joint_placement
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
@@ -32,7 +33,7 @@ def write_sdf(
         add(fixed, "child", arm.base.name)
         _add_shapes(add(model, "link", name=arm.base.name), arm.base)
         _add_frames(model, arm.base)
-    names = [body.name for body in arm.links]
+    names, physical = [body.name for body in arm.links], parameters.physical
     for index, body in enumerate(arm.links):
         above = int(robot.kinematics.parent[index])
         parent = arm.base.name if above < 0 else names[above]
@@ -53,21 +54,27 @@ def write_sdf(
             if math.isfinite(values[index]):
                 add(limit, name, number(values[index]))
         dynamics = add(axis, "dynamics")
-        add(dynamics, "damping", number(parameters.physical.viscous[index]))
-        add(dynamics, "friction", number(parameters.physical.coulomb[index]))
+        add(dynamics, "damping", number(physical.viscous[index]))
+        add(dynamics, "friction", number(physical.coulomb[index]))
         add(joint, f"{{{DRAKE}}}rotor_inertia", number(parameters.rotor_inertia[index]))
         add(joint, f"{{{DRAKE}}}gear_ratio", "1.0")
         link = add(model, "link", name=body.name)
         add(link, "pose", "0 0 0 0 0 0", relative_to=robot.joint_names[index])
-        inertial = add(link, "inertial")
-        add(inertial, "pose", numbers([*parameters.physical.center_of_mass[index], 0.0, 0.0, 0.0]))
-        add(inertial, "mass", number(parameters.physical.mass[index]))
-        inertia = add(inertial, "inertia")
-        for row, column, symbol in INERTIA_SYMBOLS:
-            add(inertia, symbol, number(parameters.physical.inertia[index][row, column]))
+        link.append(sdf_inertial(physical.mass[index], physical.center_of_mass[index], physical.inertia[index]))
         _add_shapes(link, body)
         _add_frames(model, body)
     return root
+
+
+def sdf_inertial(mass: float, center: FloatArray, tensor: FloatArray) -> ElementTree.Element:
+    """What a link weighs: kg, its centre (3,) m and the inertia (3, 3) kg m² about it, along the link's axes."""
+    inertial = ElementTree.Element("inertial")
+    add(inertial, "pose", numbers([*center, 0.0, 0.0, 0.0]))
+    add(inertial, "mass", number(mass))
+    inertia = add(inertial, "inertia")
+    for row, column, symbol in INERTIA_SYMBOLS:
+        add(inertia, symbol, number(tensor[row, column]))
+    return inertial
 
 
 def _pose(placement: pinocchio.SE3) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from identification.arrays import FloatArray
 from identification.export.arm import attachments, joint_placement, link_at, origin
 from identification.export.parameters import ModelParameters
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw
@@ -38,17 +39,21 @@ def write_urdf(urdf: ElementTree.Element, robot: RobotModel, parameters: ModelPa
         _set_origin(joint, urdf, robot, index)
         name = link_at(joint, "child")
         link = next(item for item in urdf.findall("link") if item.get("name") == name)
-        inertial = ElementTree.Element("inertial")
-        link.insert(0, inertial)
-        add(inertial, "origin", xyz=numbers(physical.center_of_mass[index]), rpy="0 0 0")
-        add(inertial, "mass", value=number(physical.mass[index]))
-        tensor = physical.inertia[index]
-        add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in INERTIA_SYMBOLS})
+        link.insert(0, urdf_inertial(physical.mass[index], physical.center_of_mass[index], physical.inertia[index]))
         for stated in joint.findall("dynamics"):
             joint.remove(stated)
         add(joint, "dynamics", damping=number(physical.viscous[index]), friction=number(physical.coulomb[index]))
         _set_drake_actuator(urdf, robot.joint_names[index], float(parameters.rotor_inertia[index]))
     return urdf
+
+
+def urdf_inertial(mass: float, center: FloatArray, tensor: FloatArray) -> ElementTree.Element:
+    """What a link weighs: kg, its centre (3,) m and the inertia (3, 3) kg m² about it, along the link's axes."""
+    inertial = ElementTree.Element("inertial")
+    add(inertial, "origin", xyz=numbers(center), rpy="0 0 0")
+    add(inertial, "mass", value=number(mass))
+    add(inertial, "inertia", **{symbol: number(tensor[row, column]) for row, column, symbol in INERTIA_SYMBOLS})
+    return inertial
 
 
 def _set_origin(joint: ElementTree.Element, urdf: ElementTree.Element, robot: RobotModel, index: int) -> None:
