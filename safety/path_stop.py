@@ -47,8 +47,6 @@ class PathStop:
     rows of the table.
     """
 
-    __slots__ = ("_period", "_positions", "duration_s", "rows")
-
     def __init__(self, positions: FloatArray, period_s: float, rows: float) -> None:
         self._positions: list[list[float]] = positions.tolist()
         self._period = period_s

@@ -41,8 +41,6 @@ class Ramp:
     follows at `duration_s`. fraction: the rung of the ladder (share of the limits) that was needed.
     """
 
-    __slots__ = ("_final", "_trajectory", "duration_s", "fraction")
-
     def __init__(
         self,
         trajectory: ruckig.Trajectory,

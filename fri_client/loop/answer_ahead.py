@@ -35,8 +35,6 @@ class AnswerAhead:
     counter: of the message that is answered. foreseen: what the motion foresaw for it.
     """
 
-    __slots__ = ("_codec", "_command", "_counter_bytes", "_framed", "_glances", "_made", "counter", "foreseen")
-
     def __init__(self, codec: Codec) -> None:
         self._codec = codec
         self._framed = codec.version.is_framed

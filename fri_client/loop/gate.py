@@ -84,30 +84,6 @@ class CommandGate:
     when anything went out last, 0: never.
     """
 
-    __slots__ = (
-        "_apart_by_ns",
-        "_apart_ns",
-        "_at_counter",
-        "_at_ns",
-        "_bridged_ns",
-        "_channel",
-        "_clock",
-        "_clock_ns",
-        "_edge_ns",
-        "_in_cycle_ns",
-        "_landed_ns",
-        "_late_apart_ns",
-        "_latest_ns",
-        "_left_ns",
-        "_period_ns",
-        "_phase_ns",
-        "_samples",
-        "_send_period_ns",
-        "_window",
-        "guard",
-        "last_send_ns",
-    )
-
     def __init__(self, channel: Channel, clock: RobotClock, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._channel = channel
         self._clock = clock

@@ -16,8 +16,6 @@ STILL_MESSAGES = 5
 class IpoWatch:
     """`observe` each message in a commanding state; is_still after STILL_MESSAGES more that show the same position."""
 
-    __slots__ = ("_counter", "_position", "_still", "moving_joint", "speed_rad_s")
-
     def __init__(self) -> None:
         self._position: Sequence[float] = ()
         self._counter = 0

@@ -21,8 +21,6 @@ class Histogram:
     the last bin. The number of bins never changes.
     """
 
-    __slots__ = ("_counts", "count", "maximum_ns")
-
     BINS = 31 * 16 + 32
     _LONGEST = (1 << 36) - 1
 
@@ -90,17 +88,6 @@ class LinkStatistics:
     late: answered, but more than one send period after they were received. undecodable: datagrams refused.
     turn_around: from receive to send. jitter: |interval between two messages - their distance in send periods|.
     """
-
-    __slots__ = (
-        "_newest",
-        "_newest_receive_ns",
-        "_spaced_ns",
-        "_spaces",
-        "jitter",
-        "late",
-        "turn_around",
-        "undecodable",
-    )
 
     def __init__(self) -> None:
         self.late = 0

@@ -16,8 +16,6 @@ class Peer:
     named, or one alone sends.
     """
 
-    __slots__ = ("_host", "_rival_heard", "_rivals", "address", "doubt", "foreign")
-
     def __init__(self, host: str | None) -> None:
         self._host = host
         self.address: Address | None = None

@@ -21,8 +21,6 @@ time-out."""
 class Rehearsal:
     """`wait` before each receive whose answer is ready."""
 
-    __slots__ = ("_ahead", "_channel", "_clock_ns", "_gate", "_session", "_stop_watch")
-
     def __init__(
         self,
         channel: Channel,

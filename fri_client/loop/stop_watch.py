@@ -30,8 +30,6 @@ ENDED_BY_SOMEBODY = (EventCode.OPERATOR_STOP, EventCode.SIGNAL_STOP, EventCode.T
 class StopWatch:
     """`poll` names the first reason there is to stop; `signal_number` is set by a signal handler."""
 
-    __slots__ = ("_ring", "_supervisor_timeout_ns", "signal_number")
-
     def __init__(self, ring: HandoverRing, supervisor_timeout_s: float) -> None:
         self._ring = ring
         self._supervisor_timeout_ns = int(supervisor_timeout_s * 1e9)
@@ -85,8 +83,6 @@ class RecorderPatience:
 
     The robot's next message waits meanwhile. One wait is so short that the robot does not count the answer as missed.
     """
-
-    __slots__ = ("_ring", "_stuck_at")
 
     def __init__(self, ring: HandoverRing) -> None:
         self._ring = ring

@@ -21,19 +21,6 @@ STANDSTILL_TIMEOUT_S = 5.0
 class Standstill:
     """Confirms from fresh samples that the arm stands: `samples` in a row within STANDSTILL_SPREAD_RAD per joint."""
 
-    __slots__ = (
-        "_high",
-        "_in_window",
-        "_low",
-        "confirmed",
-        "gave_up",
-        "limit",
-        "observed",
-        "samples",
-        "spread",
-        "threshold_rad",
-    )
-
     def __init__(self, sample_period_s: float) -> None:
         self.samples = max(STANDSTILL_MINIMUM_SAMPLES, round(STANDSTILL_WINDOW_S / sample_period_s))
         self.limit = max(2 * self.samples, round(STANDSTILL_TIMEOUT_S / sample_period_s))

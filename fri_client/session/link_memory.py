@@ -53,8 +53,6 @@ class RecentLink:
 class LinkMemory:
     """Remembers the last _TICKS ticks and the last changes of the quality; nothing grows."""
 
-    __slots__ = ("_held_back", "_missing", "_next", "_qualities", "_time_ns", "_turn_around_ns")
-
     def __init__(self) -> None:
         self._time_ns = array("q", bytes(8 * _TICKS))
         self._turn_around_ns = array("q", [-1]) * _TICKS  # -1: not answered

@@ -59,8 +59,6 @@ class MotionTerms:
     connection: of that message. test_mode_only: the motion is one for T1. never_in_t1: it is too fast for T1.
     """
 
-    __slots__ = ("_command_mode", "_modes", "_never_in_t1", "_overlay", "_robot", "_test_mode_only", "connection")
-
     def __init__(self, message: MonitoringMessage, *, test_mode_only: bool, never_in_t1: bool) -> None:
         ipo = message.ipo_data or _NO_IPO
         self.connection = message.connection_info

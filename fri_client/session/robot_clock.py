@@ -52,8 +52,6 @@ class RobotClock:
     due_ns: the earliest time of the newest message; None before any.
     """
 
-    __slots__ = ("_least_late_ns", "_noted", "_period_ns", "_settling", "due_ns", "simulated")
-
     def __init__(self) -> None:
         self.simulated = False
         self._period_ns = 0

@@ -43,8 +43,6 @@ class RobotCounter:
     A refused message does not use up its counter: the good one with the same counter comes next.
     """
 
-    __slots__ = ("_probe", "_probe_run", "_refused", "_seen", "_synchronised", "expected_before_restart", "gap", "last")
-
     def __init__(self) -> None:
         self.last = 0
         self.gap = 0

@@ -93,35 +93,6 @@ class Session:
     the robot went back before a motion began, as a clause; empty where it did not.
     """
 
-    __slots__ = (
-        "_begun_ns",
-        "_counter",
-        "_since_answer",
-        "_steps",
-        "_terms",
-        "answer_due",
-        "clock",
-        "command_period_ms",
-        "counts",
-        "drop",
-        "first_fresh_ns",
-        "gap",
-        "last_fresh_ns",
-        "left",
-        "moment",
-        "own_counter",
-        "previous_quality",
-        "previous_state",
-        "quality",
-        "quality_changed",
-        "refusal",
-        "refusal_joint",
-        "refusal_value",
-        "send_period_ms",
-        "state",
-        "state_changed",
-    )
-
     def __init__(self) -> None:
         self.clock = RobotClock()
         self.moment = Moment(0, 0, 0)

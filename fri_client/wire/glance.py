@@ -41,8 +41,6 @@ class _HeldSketch(Sketch):
 class Glance:
     """Made by `Glance.at`; `read` is the look."""
 
-    __slots__ = ("_carry", "_counter_offset", "_expected", "_exponents", "_mask", "_ones", "_unpack")
-
     def __init__(self, sketch: Sketch, wanted: list[slice]) -> None:
         self._mask = int.from_bytes(sketch.mask, "little")
         self._expected = int.from_bytes(sketch.expected, "little")

@@ -51,8 +51,6 @@ _EMPTY = _Part(_Shelf.CONSTANT, 1)
 class Layout:
     """One shape. `read` gives the message of a payload of this shape, or None for any other of the same length."""
 
-    __slots__ = ("_base", "_expected", "_joined", "_mask", "_steps", "_take", "_unpack")
-
     def __init__(self, sketch: Sketch) -> None:
         offsets = {
             _Shelf.CONSTANT: 0,
