@@ -95,6 +95,7 @@ def _stopped(service: Connection, port: int) -> api.Stopped:
         raise NothingToStopError(port, []) from None
     sentence = (
         f"Process {holders[port]}, which drives on UDP port {port}, was asked for the stop ramp; it ends with a "
-        "confirmed standstill or says that it is not confirmed."
+        "confirmed standstill or says that it is not confirmed. If that is a service at an address of its own "
+        "(control.endpoint), the service ends as well: with --endpoint it would have gone on."
     )
     return api.Stopped(was_moving=True, already=False, run=None, held=0, sentence=sentence)

@@ -90,6 +90,7 @@ def watch(
         data(f"The recording ended. {watcher.newest.event}".strip())
         if watcher.remark:
             data(watcher.remark)
+        _show_account(watcher.newest, found)
 
 
 def _port_of(run: Path | None, port: int | None) -> int:
@@ -102,6 +103,8 @@ def _port_of(run: Path | None, port: int | None) -> int:
     if run is not None:
         if not run.is_dir():
             raise MissingInputError(str(run), "the folder of a run")
+        if not (run / "request.json").is_file():
+            raise MissingInputError(str(run / "request.json"), "what a run was asked for: name the folder of a run")
         own = read_json(run / "request.json", RunRequest).bind_port
         if own not in served_ports() and not port_has_holder(own):
             raise NothingToWatchError(
@@ -147,8 +150,8 @@ def _follow_on_screen(subscription: LiveSubscription, watcher: Watcher) -> None:
             screen.show(watcher)
             if frames:
                 deadline = time.monotonic() + _SILENCE_S
-            elif time.monotonic() > deadline:
-                raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
+            elif time.monotonic() > deadline - _SILENCE_S + _WORD_S:
+                watcher.take(_frames(subscription, deadline))
 
 
 def _follow_in_lines(subscription: LiveSubscription, watcher: Watcher) -> None:
@@ -195,21 +198,44 @@ def _write_frames(subscription: LiveSubscription, stream: TextIO) -> None:
         stream.flush()
 
 
-def _frames(subscription: LiveSubscription) -> list[LiveFrame]:
-    """The next ones. Raises NothingToWatchError: at once where nobody is left who could send any."""
+def _frames(subscription: LiveSubscription, deadline: float | None = None) -> list[LiveFrame]:
+    """The next ones. Raises NothingToWatchError: at once where nobody is left who could send any, else after deadline
+    (of time.monotonic; None: 10 s from now).
+    """
     from daemon.live.subscription import served_ports
     from daemon.runtime_folder import port_has_holder
 
-    deadline = time.monotonic() + _SILENCE_S
+    deadline = time.monotonic() + _SILENCE_S if deadline is None else deadline
     while True:
         # Asked before it is listened: the last frame may come after a silence, and its sender is gone right after it.
         nobody_is_left = subscription.port not in served_ports() and not port_has_holder(subscription.port)
         if frames := subscription.receive(_WORD_S):
             return frames
         if nobody_is_left:
-            raise NothingToWatchError("The recording has ended; run.json in the run's folder says how.")
+            raise NothingToWatchError(
+                "The recording has ended; run.json in the run's folder says how. If there is none, the run was killed: "
+                "look at the arm, then `iiwa-ident recover FOLDER`."
+            )
         if time.monotonic() > deadline:
             raise NothingToWatchError(f"No word from the recorder for {_SILENCE_S:g} s; the run may go on unseen.")
+
+
+def _show_account(last: LiveFrame, port: int) -> None:
+    """What run.json says beyond the last word of the recorder, which does not see how a killed loop left the arm."""
+    from daemon.api import RunOutcome
+    from daemon.json_files import read_json
+    from daemon.runtime_folder import port_has_holder
+
+    account, deadline = Path(last.folder) / "run.json", time.monotonic() + _SILENCE_S
+    # Its writer is asked first: it may be gone as soon as it has written.
+    while port_has_holder(port) and not account.is_file() and time.monotonic() < deadline:
+        time.sleep(REFRESH_S)
+    try:
+        sentences = read_json(account, RunOutcome).sentences
+    except DaemonError:
+        message(f"Nothing says yet how the run ended; look at the arm, and into {account} later.")
+        return
+    data_lines([sentence for sentence in sentences if sentence != last.event])
 
 
 def _show_ended(run: Path) -> None:

@@ -13,6 +13,8 @@ The grade, from what the robot's own counter and send period promise:
 from __future__ import annotations
 
 import statistics
+from collections import Counter
+from dataclasses import dataclass
 from itertools import pairwise
 
 from daemon.doctor.host_checks import DoctorCheck
@@ -35,25 +37,41 @@ _STOPPED_REMEDY = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A datagram: when it came, in s since the start, from which address and port, and what it looks like."""
+
+    at_s: float
+    sender: tuple[str, int]
+    guess: VersionGuess
+
+
 def check_link(observation: LinkObservation, host: str, port: int) -> list[DoctorCheck]:
     """Who sends what: source, FRI version, state, age of the last message, regularity and loss, with a grade."""
     if not observation.datagrams:
         return [_silence(observation, host, port)]
-    senders = sorted({sender[0] for _, sender, _ in observation.datagrams})
-    count = len(observation.datagrams)
-    last, _, datagram = observation.datagrams[-1]
-    guess = guess_version(datagram)
-    if not guess.candidates:
-        sentence = f"{counted(count, 'datagram')} arrived from {', '.join(senders)}, but no FRI monitoring message."
+    everything = [Heard(at, sender, guess_version(datagram)) for at, sender, datagram in observation.datagrams]
+    messages = [each for each in everything if each.guess.candidates]
+    if not messages:
+        senders = ", ".join(sorted({each.sender[0] for each in everything}))
+        sentence = f"{counted(len(everything), 'datagram')} arrived from {senders}, but no FRI monitoring message."
         return [DoctorCheck("robot", "failed", sentence, "find out which program sends to this port.")]
-    age = observation.duration_s - last
+    # As in a run, one address and port is the robot: counters of two have nothing to do with each other.
+    robot = Counter(each.sender for each in messages[-_NEWEST:]).most_common(1)[0][0]
+    others = sorted({f"{each.sender[0]}:{each.sender[1]}" for each in everything if each.sender != robot})
+    messages = [each for each in messages if each.sender == robot]
+    guess = messages[-1].guess
+    age = observation.duration_s - messages[-1].at_s
     remedy = ""
-    if len(senders) > 1:
+    if others:
         remedy = "let only one robot send to this port, or name it in the run: --robot-host ADDRESS."
     if age > STALE_S:
         remedy = _STOPPED_REMEDY
     seconds = f"{observation.duration_s:.1f} s"
-    sentence = f"{counted(count, 'message')} in {seconds} from {', '.join(senders)}, the last {age:.2f} s ago."
+    sentence = f"{counted(len(messages), 'message')} in {seconds} from {robot[0]}, the last {age:.2f} s ago."
+    if others:
+        also = ", ".join(others[:3]) + ("" if len(others) <= 3 else f" and {len(others) - 3} more")
+        sentence += f" They came from port {robot[1]}; others send here too: {also}."
     checks = [
         DoctorCheck("robot", "warning" if remedy else "ok", sentence, remedy),
         DoctorCheck(
@@ -63,25 +81,25 @@ def check_link(observation: LinkObservation, host: str, port: int) -> list[Docto
             "" if len(guess.candidates) == 1 else "look the version up in the robot's Sunrise project.",
         ),
         _state_check(guess, answered=observation.mirror is not None),
-        grade_link(observation, guess),
+        grade_link(messages, observation.duration_s),
     ]
     if observation.mirror is not None:
         checks.append(_answers(observation.mirror))
-    usable, trouble = _usable(observation)
+    usable, trouble = _usable(messages)
     load = check_load_at_rest(usable)
     return [*checks, *(check for check in (trouble, load) if check is not None)]
 
 
-def _usable(observation: LinkObservation) -> tuple[list[MonitoringMessage], DoctorCheck | None]:
+def _usable(heard: list[Heard]) -> tuple[list[MonitoringMessage], DoctorCheck | None]:
     """Of the newest messages those that a run would use, and what is wrong with others; None where nothing is."""
     session, usable = Session(), []
     known, refused, why = 0, 0, ""
-    for arrival, _, datagram in observation.datagrams[-_NEWEST:]:
-        message = guess_version(datagram).message
+    for each in heard[-_NEWEST:]:
+        message = each.guess.message
         if message is None:
             continue
         known += 1
-        if session.judge(message, round(arrival * 1e9)) != Disposition.REFUSED or session.refusal == Refusal.COUNTER:
+        if session.judge(message, round(each.at_s * 1e9)) != Disposition.REFUSED or session.refusal == Refusal.COUNTER:
             usable.append(message)
             continue
         refused += 1
@@ -121,15 +139,17 @@ def _state_check(guess: VersionGuess, *, answered: bool) -> DoctorCheck:
     return DoctorCheck("session", "ok", sentence)
 
 
-def grade_link(observation: LinkObservation, guess: VersionGuess) -> DoctorCheck:
-    """Grade A to D of the link from loss, regularity of arrival and age (rules: see the module's text)."""
-    assert guess.candidates
+def grade_link(heard: list[Heard], duration_s: float) -> DoctorCheck:
+    """Grade A to D of the link from loss, regularity of arrival and age (rules: see the module's text).
+
+    heard: messages of one robot, duration_s: how long it was listened to.
+    """
     arrivals, counters, periods = [], [], []
-    for arrival, _, datagram in observation.datagrams:
-        message = guess_version(datagram).message
+    for each in heard:
+        message = each.guess.message
         if message is None:
             continue
-        arrivals.append(arrival)
+        arrivals.append(each.at_s)
         counters.append(message.header.sequence_counter)
         if message.connection_info is not None and message.connection_info.send_period:
             periods.append(message.connection_info.send_period * 1e-3)
@@ -145,7 +165,7 @@ def grade_link(observation: LinkObservation, guess: VersionGuess) -> DoctorCheck
         abs(interval - period * max(step, 1)) for interval, step in zip(intervals, steps, strict=True) if step < 2**31
     )
     p99 = deviations[min(len(deviations) - 1, int(0.99 * len(deviations)))] if deviations else period
-    age = observation.duration_s - arrivals[-1]
+    age = duration_s - arrivals[-1]
     if age > STALE_S:
         grade = "D"
     elif not lost and p99 <= 0.25 * period:

@@ -62,6 +62,20 @@ class PatientFile:
         self._pending = bytearray()
 
     @property
+    def is_in_place(self) -> bool:
+        """False once nothing has its name any more: what is written then, nobody finds.
+
+        Which file has it is not asked: not every network disk numbers its files.
+        """
+        try:
+            self._path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError:
+            pass  # a disk that does not answer now has its own patience
+        return True
+
+    @property
     def pending(self) -> int:
         """Bytes still in memory."""
         return len(self._pending)

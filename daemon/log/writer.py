@@ -14,6 +14,7 @@ the difference of two measured positions over the robot's clock, made for lookin
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from daemon.errors import BadLogError
+from daemon.errors import BadLogError, LogIOError
 from daemon.host import own_version
 from daemon.log import definitions
 from daemon.log.cdr import (
@@ -209,6 +210,11 @@ class LogWriter:
             # A chunk was full: it goes out, the one begun since then stays open.
             self._file.flush()
         return False
+
+    def require_place(self) -> None:
+        """Raises LogIOError where the file was moved or removed since it was opened."""
+        if not self._file.is_in_place:
+            raise LogIOError(str(self._path), OSError(errno.ENOENT, "was moved or removed while it was written"))
 
     def flush(self) -> None:
         """Close the chunk and hand everything to the operating system."""

@@ -248,8 +248,21 @@ class Recorder:
             self._report(RecorderProgress(part=self._job.part, samples=self._writer.samples))
         if now >= self._next_diagnostics:
             self._next_diagnostics = now + DIAGNOSTICS_S
+            self._require_place()
             statuses = diagnostics_of(self._ring, self._writer.samples)
             self._writer.write_diagnostics(statuses, self._job.request.robot, time.time_ns())
+
+    def _require_place(self) -> None:
+        """A file that has no name takes every write, and is gone with this process: patience is of no use.
+
+        Before the first record nothing is lost by it, and the loop says by itself that its folder is gone.
+        """
+        if self._last_index < 0:
+            return
+        try:
+            self._writer.require_place()
+        except LogIOError as error:
+            raise _DiskRefusedError(error) from error
 
     @property
     def is_abandoned(self) -> bool:
@@ -268,6 +281,7 @@ class Recorder:
         for attachment in closing_attachments_of(self._job):
             self._writer.add_attachment(attachment)
         self._keep_safe(final=True)
+        self._require_place()
         self._reserve.give_back()
         end = {
             "sequence_gaps": str(self._counter.missing),
@@ -299,7 +313,7 @@ class Recorder:
 
 
 class _DiskRefusedError(Exception):
-    """The disk refused for DISK_PATIENCE_S; carries the last refusal."""
+    """The disk refused for DISK_PATIENCE_S, or the file lost its place; carries the last refusal."""
 
     def __init__(self, error: LogIOError) -> None:
         self.error = error

@@ -119,6 +119,21 @@ def test_two_senders_and_a_sender_that_stopped_are_told() -> None:
     assert verdict(stopped, "robot").status == "warning"
 
 
+@pytest.mark.parametrize("other", [("192.170.10.2", 30201), ("10.0.0.9", 30200)])
+def test_a_second_robot_and_another_program_are_named_and_take_nothing_from_the_grade(other: tuple[str, int]) -> None:
+    """Whichever of them was heard last; a run too takes one address and port for the robot."""
+    steady = link(list(range(200)), [0.001 * tick for tick in range(200)])
+    second = link(list(range(70_000, 70_100)), [0.001 * tick + 0.0005 for tick in range(200) if tick % 2])
+    strays = [(0.001 * tick + 0.0007, other, b"hello") for tick in range(200)]
+    for disturbing in ([(at, other, datagram) for at, _, datagram in second.datagrams], strays):
+        both = LinkObservation(tuple(sorted((*steady.datagrams, *disturbing))), 0.2)
+        found = verdict(both, "robot")
+        assert found.status == "warning"
+        assert found.sentence.startswith("200 messages in 0.2 s from 192.170.10.2, the last 0.00 s ago.")
+        assert f"others send here too: {other[0]}:{other[1]}." in found.sentence
+        assert verdict(both, "link").sentence.startswith("Grade A: 200 messages, none lost")
+
+
 @pytest.mark.parametrize(("value", "words"), [(math.nan, "is nan, which is impossible"), (50.0, "is 50, which is")])
 def test_messages_that_a_run_would_refuse_are_told_and_say_nothing_of_a_load(value: float, words: str) -> None:
     """NaN is no position, and 50 rad are eight turns of a joint; whoever asks the doctor why no run begins hears it."""

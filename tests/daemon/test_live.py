@@ -27,6 +27,7 @@ import zmq
 from daemon.api import RunOutcome
 from daemon.cli import watch
 from daemon.cli.watch import NothingToWatchError, _follow_once, _frames, _port_of
+from daemon.errors import MissingInputError
 from daemon.json_files import write_json
 from daemon.live.broadcast import LiveBroadcast
 from daemon.live.frame import LiveFrame
@@ -283,6 +284,44 @@ def test_one_screen_shows_the_speed_however_long_the_model_took_to_load(
     assert f"{0.5 * np.pi:+.2f}" in first_joint  # the largest speed of the sinusoid, rad/s
 
 
+def test_a_screen_whose_run_was_killed_waits_for_no_word_and_names_what_saves_it(
+    private: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It said after ten seconds that the run may go on unseen; in a pipe it sent to a run.json that nobody writes."""
+    now = [0.0]
+
+    class Silent:
+        port = PORT
+
+        def receive(self, timeout_s: float) -> list[LiveFrame]:
+            now[0] += timeout_s
+            return []
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    with pytest.raises(NothingToWatchError, match="look at the arm, then `iiwa-ident recover"):
+        watch._follow_on_screen(cast(LiveSubscription, Silent()), Watcher())
+    assert now[0] < 5.0
+
+
+def test_a_watcher_is_told_of_a_loop_that_was_killed(
+    private: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its recorder's last word is of the motion before; that nobody saw the arm come to rest stands in run.json."""
+    last = msgspec.structs.replace(frame(ended=True), folder=str(tmp_path), event="The motion went on.")
+    watch._show_account(last, PORT)
+    assert "look at the arm" in capsys.readouterr().err
+    told = ("The motion went on.", "The loop process was killed; standstill unconfirmed.")
+    write_json(
+        tmp_path / "run.json",
+        RunOutcome(run_id="r", outcome="fault", exit_code=70, sentences=told, out_dir=str(tmp_path)),
+    )
+    watch._show_account(last, PORT)
+    assert capsys.readouterr().out == told[1] + "\n"
+
+
 def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
     nothing = watched(private)
     assert "No run is being recorded" in nothing.communicate(timeout=WATCHDOG_S)[1]
@@ -290,6 +329,8 @@ def test_watch_without_a_run_says_so(private: Path, tmp_path: Path) -> None:
     missing = watched(private, str(tmp_path / "absent"))
     missing.communicate(timeout=WATCHDOG_S)
     assert missing.returncode == 66
+    with pytest.raises(MissingInputError, match="name the folder of a run"):
+        _port_of(tmp_path, None)
 
 
 def test_the_recording_of_a_run_that_has_ended_stands_for_its_folder(

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,30 @@ def test_a_disk_that_stays_full_is_reported_and_the_ring_keeps_the_rest(
     rescue: list[ControlMessage] = []
     assert Recorder(make_job(tmp_path, part=1), HandoverRing.attach(ring.fd), rescue.append).run() == 0
     assert len(read_states(tmp_path / "recording.part1.mcap")) == 300
+
+
+def test_a_recorder_whose_file_was_moved_away_ends_while_the_arm_can_still_be_stopped(
+    tmp_path: Path, ring: HandoverRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel takes every write into a file without a name: all periods were driven, and none of them was kept."""
+    monkeypatch.setattr("daemon.run.recorder.DIAGNOSTICS_S", 0.01)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    said: list[ControlMessage] = []
+    recorder = Recorder(make_job(folder), HandoverRing.attach(ring.fd), said.append)
+    folder.rename(tmp_path / "away")
+    Producer(ring).push(300)
+    end = threading.Timer(WATCHDOG_S, ring.finish)
+    end.start()
+    assert recorder.run() == 74
+    end.cancel()
+    assert not ring.finished
+    assert isinstance(said[-1], RecorderFailed)
+    assert "was moved or removed" in said[-1].sentence
+    ring.finish()
+    assert Recorder(make_job(tmp_path, part=1), HandoverRing.attach(ring.fd), said.append).run() == 0
+    indices = [state.sample_index for state in read_states(tmp_path / "recording.part1.mcap")]
+    assert indices == list(range(indices[0], 300))
 
 
 def test_a_recorder_that_gives_up_while_its_supervisor_lives_leaves_the_account_to_it(

@@ -59,7 +59,9 @@ def test_stop_reaches_a_run_that_no_service_keeps(capsys: pytest.CaptureFixture[
         assert "emergency stop" in said
         assert not stop.requested
         assert run("stop", "--port", port) == 0
-        assert f"Process {os.getpid()}" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert f"Process {os.getpid()}" in said
+        assert "with --endpoint it would have gone on" in said  # the same signal ends a service, which was not said
         assert stop.signal_number == signal.SIGINT
     assert run("stop", "--port", port) == 69
 
