@@ -1,6 +1,6 @@
 """Are recordings different measurements? A recording that checks itself confirms whatever was fitted to it.
 
-Here: names that tell recordings apart, and the refusal of samples that stand in two of them.
+Here: names that tell recordings apart, an order of theirs, and the refusal of samples that stand in two of them.
 """
 
 from __future__ import annotations
@@ -48,6 +48,13 @@ def names_apart(paths: Sequence[str | Path]) -> list[str]:
     while len({item[-depth:] for item in parts}) < len(set(parts)):
         depth += 1
     return [str(Path(*item[-depth:])) for item in parts]
+
+
+def in_one_order(recordings: Sequence[Recording]) -> list[Recording]:
+    """The longest one first, those as long by what stands in them: in whatever order they were given."""
+    return sorted(
+        recordings, key=lambda item: (-item.samples, item.source.sha256, float(item.torque.sum()), item.source.path)
+    )
 
 
 def is_called(recording: Recording, name: str) -> bool:
