@@ -106,9 +106,7 @@ def diagnose(
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
     refuse_followers(robot, "diagnose")
-    recordings, heldout = (
-        [one_of_alike(for_robot(item, robot)) for item in in_one_order(items)] for items in (recordings, heldout)
-    )
+    recordings, heldout = (_asked_in_order(items, robot) for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)
@@ -161,6 +159,11 @@ def diagnose(
     diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *(item.sentence for item in encoders)))
     report("done", 1.0)
     return in_units_of_joints(diagnosis, robot)
+
+
+def _asked_in_order(recordings: Sequence[Recording], robot: RobotModel) -> list[Recording]:
+    """What is asked of these recordings, in an order that does not follow the one they were given in."""
+    return [one_of_alike(for_robot(item, robot)) for item in in_one_order(recordings)]
 
 
 def _examined(
