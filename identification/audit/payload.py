@@ -102,8 +102,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     sizes = sizes_of(robot, runs[0])
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
-    std = sizes.first_noise
-    products, weight, every = _fitted(runs, columns, width, std)
+    products, weight, every = _fitted(runs, columns, width, sizes)
     own = _body_on(last.link, robot.n)
     found = weighted_by_odds(products, weight, width, np.arange(own.start, own.stop))
     values, covariance = found.values, found.covariance
@@ -114,9 +113,12 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
             "different arms, or torque is not in Nm."
         )
     left, load = (float(np.linalg.norm(bare)), float(np.linalg.norm(rms[1]))), float(np.linalg.norm(rms[0]))
-    _refuse_undescribed(*left, load, robot.torque_unit)
-    _refuse_two_arms(left, [_left_alone(*side, width, std) for side in zip(runs, columns, strict=True)], load, robot)
-    _refuse_elsewhere(runs, columns, sizes, std, robot)
+    alone = [_left_alone(*side, width, sizes.first_noise) for side in zip(runs, columns, strict=True)]
+    # Of exact recordings what the rows are known to is left, and how much of it is no other cause.
+    least = float(np.linalg.norm(sizes.least_noise))
+    _refuse_undescribed(max(left[0], least), max(left[1], least), load, robot.torque_unit)
+    _refuse_two_arms(left, np.maximum(alone, least), load, robot)
+    _refuse_elsewhere(runs, columns, sizes, robot)
     if abs(values[0]) < CLEAR * float(np.sqrt(covariance[0, 0])):
         raise EstimationError(
             f"No load can be seen: {values[0]:z.2f} ± {1.96 * float(np.sqrt(covariance[0, 0])):.2f} kg. Record a "
@@ -143,7 +145,7 @@ def _refuse_undescribed(without: float, with_load: float, load: float, unit: str
     )
 
 
-def _refuse_two_arms(left: Sequence[float], alone: Sequence[float], load: float, robot: RobotModel) -> None:
+def _refuse_two_arms(left: Sequence[float], alone: FloatArray, load: float, robot: RobotModel) -> None:
     """Two arms of as many joints leave much of both sides, so neither stands out: an arm for each side leaves little.
 
     left, alone: RMS of the side without and with the tool, all joints together, beside one arm and load, and beside an
@@ -257,7 +259,7 @@ def _widest(sizes: Sizes) -> float:
     return WIDEST * float(sizes.mass.mean())
 
 
-def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArray, std: FloatArray) -> tuple[
+def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArray, sizes: Sizes) -> tuple[
     Products, FloatArray, FloatArray
 ]:  # fmt: skip
     """The products of an estimate weighted by what it leaves itself beside one scale for all joints, its weights (n,),
@@ -268,8 +270,8 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArr
     torque, used, before, block = (
         np.concatenate([getattr(rows, name) for rows in runs]) for name in ("torque", "used", "before", "block")
     )
-    every, colour, count = np.concatenate(columns), Colour.white(std), len(runs[0].used)
-    n, live = len(std), np.flatnonzero(width > 0.0)
+    every, colour, count = np.concatenate(columns), Colour.white(sizes.first_noise), len(runs[0].used)
+    n, live = torque.shape[1], np.flatnonzero(width > 0.0)
     joints = np.arange(n)
     for turn in range(_TURNS):
         weight = 1.0 / colour.std**2
@@ -280,7 +282,7 @@ def _fitted(runs: Sequence[Rows], columns: Sequence[FloatArray], width: FloatArr
         # What the first estimate is uncertain by follows from a guess at the noise.
         spread = estimate.covariance[np.ix_(live, live)] if turn else np.zeros((len(live), len(live)))
         colour = colour_of(left, used, every[..., live] @ root_of(spread, width[live]))
-        colour = replace(colour, std=np.maximum(colour.std, 1e-9))
+        colour = replace(colour, std=np.maximum(colour.std, sizes.least_noise))
         every[count:, joints, joints - n] = every[count:, :, :-n] @ estimate.values[:-n]
     return products, weight, every
 
@@ -294,15 +296,13 @@ def _left(runs: Sequence[Rows], every: FloatArray, values: FloatArray, own: slic
     return [_rms(np.where(used, each, 0.0), used) for each, used in sides]
 
 
-def _refuse_elsewhere(
-    runs: Sequence[Rows], columns: Sequence[FloatArray], sizes: Sizes, std: FloatArray, robot: RobotModel
-) -> None:
+def _refuse_elsewhere(runs: Sequence[Rows], columns: Sequence[FloatArray], sizes: Sizes, robot: RobotModel) -> None:
     """What hangs on another link has a mass, a centre and intervals at the flange, too: those of no body. The same
     where it hangs there besides the tool. Both are asked beside no scale and one of all torques, in the noise that
     bodies on all links leave: what one at the flange alone leaves has in it what is asked for.
     """
     n, last, mass = robot.n, robot.n - 1, LOAD_SIZES * float(sizes.mass.mean())
-    products, weight, _ = _fitted(runs, columns, _prior(sizes, n, range(n), mass), std)
+    products, weight, _ = _fitted(runs, columns, _prior(sizes, n, range(n), mass), sizes)
     gram, right = products.summed(ALL, weight)
 
     def gained(links: list[int], scales: FloatArray) -> float:

@@ -26,6 +26,7 @@ from identification.export.amended_files import (
     write_urdf_changes,
 )
 from identification.export.given_bodies import in_file_base, load_as_held, poses_at_zero
+from identification.mismatch.settings import CAPTURE
 from identification.physical_parameters import symmetric
 from identification.regressor import INERTIAL_SYMBOLS
 from identification.robots import Kinematics, RobotModel
@@ -125,7 +126,9 @@ def _wanted(differences: Sequence[Difference], robot: RobotModel, *, has_armatur
             for symbol, name in (("FV", "viscous"), ("FS", "coulomb")):
                 wanted.drives[symbol][item.joint - 1] = numbers.get(name, 0.0)
             offset = next((number for number in item.numbers if number.name == "offset"), None)
-            if offset is not None and abs(offset.value) > 1.96 * offset.std:
+            # A tenth of the friction that is written is nothing beside it, however well it is known.
+            matters = CAPTURE * abs(numbers.get("coulomb", 0.0))
+            if offset is not None and abs(offset.value) > max(1.96 * offset.std, matters):
                 said = f"Joint {item.joint} has a constant torque of {offset.value:.3g} Nm, "
                 if any(each.link is not None for each in differences):
                     said += "or so much is left of the weight of the body that was written, whose numbers have "

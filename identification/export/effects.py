@@ -9,8 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from identification.arrays import FloatArray
 from identification.export.parameters import ModelParameters
+from identification.mismatch.settings import CAPTURE
 from identification.model_file import Model
 
 IN_THE_PARAMETERS = {
@@ -47,19 +50,21 @@ def with_found_rotors(parameters: ModelParameters, model: Model) -> ModelParamet
     return replace(parameters, rotor_inertia=rotor)
 
 
-def effects_note(model: Model, offset: FloatArray, units: Sequence[str]) -> EffectsNote:
+def effects_note(model: Model, offset: FloatArray, coulomb: FloatArray, units: Sequence[str]) -> EffectsNote:
     """Sort the model's effects into those the simulator model holds and those that go into a file beside it.
 
-    offset: (n,) constant torque of each joint in the set of parameters that is written, in its unit. No format has a
-    place for it: it is left out as an effect.
+    offset, coulomb: (n,) constant torque and Coulomb friction of each joint in the set of parameters that is written,
+    in its unit. No format has a place for the former: it is left out as an effect, and advice is given where it is more
+    than a tenth of the latter.
     """
     left_out, sentences = [], []
-    offsets = [
+    offsets: list[dict[str, Any]] = [
         {"effect": "torque_offset", "joint": joint, "parameters": {"offset": {"value": float(value), "unit": unit}}}
         for joint, (value, unit) in enumerate(zip(offset, units, strict=True), start=1)
-        if value != 0.0
     ]
-    for effect in [*model.data.get("effects", []), *offsets]:
+    small, some = np.abs(offset) <= CAPTURE * coulomb, offset != 0.0
+    told, little = ([offsets[joint] for joint in np.flatnonzero(some & which)] for which in (~small, small))
+    for effect in [*model.data.get("effects", []), *told]:
         name = str(effect.get("effect"))
         where = f" of joint {effect['joint']}" if effect.get("joint") else ""
         if name in IN_THE_PARAMETERS:
@@ -74,4 +79,4 @@ def effects_note(model: Model, offset: FloatArray, units: Sequence[str]) -> Effe
             f"The torque without a name on {named} (class_terms) has no place in a simulator model: apply it as a "
             "joint torque."
         )
-    return EffectsNote(tuple(left_out), tuple(sentences))
+    return EffectsNote((*left_out, *little), tuple(sentences))

@@ -113,7 +113,7 @@ def export_model(
             *_notes(form, parameters, robot),
             "Part of the rotor inertia is a data-sheet prior, not identified: joint torques are those of the motors.",
         )
-    effects = effects_note(model, parameters.offset, robot.units)
+    effects = effects_note(model, parameters.offset, parameters.physical.coulomb, robot.units)
     notes = (*notes, *effects.sentences)
     width = model.options.coulomb_velocity
     if model.options.turns_gently:

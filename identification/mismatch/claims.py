@@ -202,7 +202,7 @@ def _repeatable(
             whitened = (own * plain.weight).ravel()
             visible = off(plain.basis, whitened)
             phase = member.effect.phase(library.evidences[0].motion, part.place, member.shape)
-            curve, where = _place(plain, library.evidences[0], before, now, own, visible, joints, result, phase)
+            curve, where = _place(plain, library.evidences, before, now, own, visible, joints, result, phase)
             found.append(
                 Finding(
                     effect=member.effect.name,
@@ -255,7 +255,7 @@ def _sentence(plain: str, others: Sequence[Alternative], checked: bool) -> str:
 
 def _place(
     problem: Problem,
-    evidence: Evidence,
+    evidences: Sequence[Evidence],
     before: Check,
     now: Check,
     rows: FloatArray,
@@ -265,6 +265,7 @@ def _place(
     phase: FloatArray | None,
 ) -> tuple[Curve, dict[str, Any]]:
     """Curve and `where` of a member on the joint it shows most, on the first evidence."""
+    evidence, names = evidences[0], recording_names([item.recording for item in evidences])
     size = evidence.frequency.size
     shown = visible.reshape(problem.n, problem.rows) / np.where(problem.weight > 0.0, problem.weight, np.inf)
     joint = max(joints, key=lambda item: float(shown[item] @ shown[item]))
@@ -274,6 +275,8 @@ def _place(
     curve, share = best_curve(evidence, joint, series[0], series[1], noise, series[2], phase=phase)
     where = where_of(evidence, result.before.power, joint, series[3], curve, share)
     where["joints"] = [item + 1 for item in joints]
+    if len(set(names)) > 1:
+        where["times_in"] = names[0]
     return curve, where
 
 

@@ -60,7 +60,7 @@ from identification.mismatch.unknown.over_time import (
 )
 from identification.mismatch.unknown.vibration import vibrating
 from identification.model_file import Model
-from identification.recordings.independence import recording_names, refuse_shared_samples
+from identification.recordings.independence import in_one_order, recording_names, refuse_shared_samples
 from identification.recordings.joint_choice import for_robot
 from identification.recordings.recording import Recording
 from identification.robots import RobotModel
@@ -106,7 +106,7 @@ def diagnose(
     if not recordings:
         raise EstimationError("No recording was given to diagnose")
     refuse_followers(robot, "diagnose")
-    recordings, heldout = ([one_of_alike(for_robot(item, robot)) for item in items] for items in (recordings, heldout))
+    recordings, heldout = (_asked_in_order(items, robot) for items in (recordings, heldout))
     refuse_shared_samples(recordings, heldout)
     split = _split_of(recordings, heldout, settings)
     report("the given model", 0.01)
@@ -159,6 +159,11 @@ def diagnose(
     diagnosis = replace(diagnosis, encoders=encoders, notes=(*diagnosis.notes, *(item.sentence for item in encoders)))
     report("done", 1.0)
     return in_units_of_joints(diagnosis, robot)
+
+
+def _asked_in_order(recordings: Sequence[Recording], robot: RobotModel) -> list[Recording]:
+    """What is asked of these recordings, in an order that does not follow the one they were given in."""
+    return [one_of_alike(for_robot(item, robot)) for item in in_one_order(recordings)]
 
 
 def _examined(

@@ -22,10 +22,10 @@ from identification.recordings.recording import Finding, ImportReport, Recording
 from identification.recordings.repetition import unstated_period
 from identification.recordings.row_clock import CROWDED_ROW, crowded, row_clock
 from identification.recordings.table import RawTable
+from identification.recordings.uneven import gaps_and_jitter
 
 MINIMUM_DURATION_S = 0.5
 MINIMUM_SAMPLES = 20
-JITTER_SHARE = 0.05
 # An isolated value is garbled when it leaves the median of its five neighbours by more than this many times the largest
 # ordinary step of its channel (99th percentile of the change of that median) and of its ordinary scatter.
 SPIKE_STEPS = 10.0
@@ -64,8 +64,8 @@ def build_recording(table: RawTable, *, sha256: str) -> Recording:
             f"{time.size} usable samples over {duration:.3g} s; at least {MINIMUM_SAMPLES} samples and "
             f"{MINIMUM_DURATION_S} s are needed",
         )
-    sampling_period_s = float(np.median(np.diff(time)))
-    _note_gaps_and_jitter(findings, time, number[keep], sampling_period_s, every)
+    sampling_period_s, uneven = gaps_and_jitter(time, number[keep], every)
+    findings.extend(uneven)
     position, torque = _kept(table.position, keep), _kept(table.torque, keep)
     what = (
         "is reached by twice the step beside it, in all joints at once: a row is missing before it and the even stamps "
@@ -288,40 +288,6 @@ def _spikes(values: FloatArray) -> BoolArray:
     scatter = DEVIATION_FROM_MEDIAN * np.median(deviation, axis=0)
     limit = np.maximum(SPIKE_STEPS * step, SPIKE_SCATTER * scatter) + 1e-9
     return np.asarray((deviation > limit).any(axis=1), dtype=np.bool_)
-
-
-def _note_gaps_and_jitter(
-    findings: list[Finding], time: FloatArray, number: IntArray, period: float, every: int
-) -> None:
-    """every: of so many rows of the file one was kept, where the source is slower than the file."""
-    steps = np.diff(time)
-    gaps = np.flatnonzero(steps > GAP_FACTOR * period)
-    if gaps.size:
-        rows = np.round(steps[gaps] / period - 1.0)
-        left_out = int(np.clip(np.diff(number)[gaps] // every - 1, 0.0, rows).sum())
-        missing = f"about {int(rows.sum())} samples missing"
-        missing += f", {left_out} of them rows that were left out" if left_out else ""
-        longest = int(gaps[np.argmax(steps[gaps])])
-        length = float(steps[longest])
-        findings.append(
-            Finding(
-                "gap",
-                int(number[gaps[0]]),
-                int(number[gaps[-1] + 1]),
-                int(gaps.size),
-                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} longer than {GAP_FACTOR} sampling periods of "
-                f"{1e3 * period:.4g} ms, {missing}; the longest lasts "
-                f"{f'{length:.4g} s' if length >= 1.0 else f'{1e3 * length:.4g} ms'} after row {number[longest]}",
-            )
-        )
-    ordinary = steps[steps <= GAP_FACTOR * period]
-    if ordinary.size and float(np.std(ordinary)) > JITTER_SHARE * period:
-        count = int((np.abs(ordinary - period) > JITTER_SHARE * period).sum())
-        sentence = (
-            f"time stamps are uneven: steps between {1e3 * ordinary.min():.4g} and {1e3 * ordinary.max():.4g} ms "
-            f"around {1e3 * period:.4g} ms (standard deviation {1e3 * float(np.std(ordinary)):.2g} ms)"
-        )
-        findings.append(Finding("jitter", int(number[0]), int(number[-1]), count, sentence))
 
 
 def _optional_array(name: str, values: FloatArray, moves: BoolArray, findings: list[Finding], rows: int) -> FloatArray:

@@ -1,6 +1,6 @@
 """Are recordings different measurements? A recording that checks itself confirms whatever was fitted to it.
 
-Here: names that tell recordings apart, and the refusal of samples that stand in two of them.
+Here: names that tell recordings apart, an order of theirs, and the refusal of samples that stand in two of them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import FloatArray, IntArray, runs_of
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
 from identification.recordings.rounded import FEWEST_ROWS, Rows, moving_rows, row_codes, rows_that_agree
@@ -48,6 +48,13 @@ def names_apart(paths: Sequence[str | Path]) -> list[str]:
     while len({item[-depth:] for item in parts}) < len(set(parts)):
         depth += 1
     return [str(Path(*item[-depth:])) for item in parts]
+
+
+def in_one_order(recordings: Sequence[Recording]) -> list[Recording]:
+    """The longest one first, those as long by what stands in them: in whatever order they were given."""
+    return sorted(
+        recordings, key=lambda item: (-item.samples, item.source.sha256, float(item.torque.sum()), item.source.path)
+    )
 
 
 def is_called(recording: Recording, name: str) -> bool:
@@ -140,8 +147,8 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
         return f"is {name} itself"
     if own.n != other.n:
         return ""
-    shared = _count_among(np.sort(own_prints), other_prints)
-    if shared >= FEWEST_ROWS:
+    if _running_in(own_prints, other_prints) or _running_in(other_prints, own_prints):
+        shared = int(np.isin(other_prints, own_prints).sum())
         return f"shares {shared} of its {other_prints.size} moving samples with {name}"
     together = _same_moments(own, other)
     if together:
@@ -156,11 +163,13 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
     return f"agrees with {name} in {rows} rows running, to within the last decimals: a rounded copy" if rows else ""
 
 
-def _count_among(known: Prints, prints: Prints) -> int:
-    """How many of some fingerprints are among known ones, which are in order."""
-    ordered = np.sort(prints)
-    place = np.minimum(np.searchsorted(known, ordered), known.size - 1)
-    return int((known[place] == ordered).sum()) if known.size else 0
+def _running_in(known: Prints, prints: Prints) -> bool:
+    """Whether enough fingerprints, one after the other, are among known ones.
+
+    Single ones are by chance, where a motion that repeats is written with few decimals.
+    """
+    runs = runs_of(np.isin(prints, known))
+    return bool(np.diff(runs).max(initial=0) >= FEWEST_ROWS)
 
 
 def _runs(own: Recording, other: Recording) -> list[str | None]:

@@ -90,7 +90,8 @@ def last_decimal(numbers: FloatArray) -> float:
         for some in (those[:FEWEST_ROWS], those):  # a few numbers tell of nearly every step that it is none
             parts = some[:, None] / asked
             asked = asked[(np.abs(parts - np.maximum(np.rint(parts), 1.0)) < HALF - 0.5).all(axis=0)]
-        steps += asked.tolist()
+        # Numbers near one and the same multiple, as those of a largest torque of 10.1 Nm, tell of no step.
+        steps += [each for each in asked.tolist() if np.unique(np.rint(those / each)).size >= FEWEST_ROWS]
     return max(steps)
 
 

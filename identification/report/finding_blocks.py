@@ -98,7 +98,8 @@ def _where(where: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
     """Joints, frequencies, times and state at which an effect shows most."""
     if where.get("joints"):
         yield "Shows on joint", listed([str(joint) for joint in where["joints"]])
-    for key, title, unit in (("bands_hz", "At frequencies", "Hz"), ("time_windows_s", "At times", "s")):
+    times = f"At times in {where['times_in']}" if "times_in" in where else "At times"
+    for key, title, unit in (("bands_hz", "At frequencies", "Hz"), ("time_windows_s", times, "s")):
         if where.get(key):
             yield title, ", ".join(f"{low:.4g} … {high:.4g} {unit}" for low, high in where[key])
     state = where.get("state") or {}

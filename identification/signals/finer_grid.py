@@ -1,4 +1,4 @@
-"""Rows that slide along the period: a logger whose rate is no whole number of rows per period.
+"""Rows that slide along the period: a logger whose rate is no whole number of rows per period, or is uneven.
 
 Each period is then sampled at other moments, so that the mean over the periods is of the torque itself, where one grid
 for all of them would hold the steps of Coulomb friction wherever a sample happens to stand. A model evaluated on that
@@ -16,10 +16,12 @@ import numpy as np
 from identification.arrays import ComplexArray, FloatArray
 from identification.recordings.labels import SMALLEST_SLIDE
 from identification.recordings.recording import Recording
+from identification.recordings.uneven import is_uneven, missing_rows
 
 FINEST_S = 2.5e-4
 """A model's steps stand within half of that: an eighth of a millisecond."""
-_DEGREE = 5
+_DEGREE, _UNEVEN_DEGREE = 5, 3
+"""Of the spline: between uneven rows a higher one swings with their noise."""
 _SMALLEST_STEP, _LARGEST_STEP = 0.5, 1.8
 """Of the usual distance of rows: nearer ones are left out of a spline, and across a longer one none goes."""
 
@@ -77,13 +79,13 @@ def slides(recording: Recording) -> bool:
 
 
 def finer_grid_of(recording: Recording, offset: FloatArray) -> FinerGrid:
-    """The grid for the model of a recording labelled by time stamps; that of its rows where they do not slide.
+    """The grid for the model of a recording labelled by time stamps; that of its rows where they stand on it.
 
     offset: of labelled rows behind the moments of their samples, in samples.
     """
     assert recording.period_s is not None
     assert recording.samples_per_period is not None
-    if not slides(recording):
+    if not slides(recording) and not is_uneven(recording.time):
         return ON_THE_ROWS
     factor = max(2, int(np.ceil(recording.period_s / recording.samples_per_period / FINEST_S)))
     return FinerGrid(factor, np.exp(2.0j * np.pi * np.outer(np.arange(factor // 2 + 1), offset)).mean(axis=1))
@@ -92,19 +94,22 @@ def finer_grid_of(recording: Recording, offset: FloatArray) -> FinerGrid:
 def at_moments(time: FloatArray, values: FloatArray, moments: FloatArray) -> FloatArray:
     """Rows (N, n) at increasing times (N,), read at moments (m,) by a spline through them; nan outside and in gaps.
 
-    A row that comes right behind another is left out: a spline through both swings.
+    Of even stamps, a row that comes right behind another is late, and left out: a spline through both swings.
     """
     from scipy.interpolate import make_interp_spline  # slow to load, and few recordings need it
 
-    step = float(np.median(np.diff(time)))
-    apart = np.diff(time, prepend=-np.inf) > _SMALLEST_STEP * step
-    time, values = time[apart], values[apart]
+    uneven = is_uneven(time)
+    degree = _UNEVEN_DEGREE if uneven else _DEGREE
+    if not uneven:
+        step = float(np.median(np.diff(time)))
+        apart = np.diff(time, prepend=-np.inf) > _SMALLEST_STEP * step
+        time, values = time[apart], values[apart]
     result = np.full((moments.size, values.shape[1]), np.nan)
-    edges = np.flatnonzero(np.diff(time) > _LARGEST_STEP * step) + 1
+    edges = np.flatnonzero(missing_rows(time)[0] if uneven else np.diff(time) > _LARGEST_STEP * step) + 1
     for first, last in zip([0, *edges], [*edges, time.size], strict=True):
-        if last - first <= _DEGREE:
+        if last - first <= degree:
             continue
         run = time[first:last]
         inside = (moments >= run[0]) & (moments <= run[-1])
-        result[inside] = make_interp_spline(run, values[first:last], k=_DEGREE)(moments[inside])
+        result[inside] = make_interp_spline(run, values[first:last], k=degree)(moments[inside])
     return result

@@ -18,13 +18,13 @@ import pinocchio
 import pytest
 
 from identification.audit.columns import Geometry
-from identification.audit.difference import Difference, Number
+from identification.audit.difference import Difference, Number, numbers_of
 from identification.audit.foretold import lacking_friction
 from identification.audit.rows import rows_of
 from identification.audit.sentences import turned_signs
 from identification.base_parameters import BaseRegressor
 from identification.errors import ExportCheckError, ModelFileError, RobotError
-from identification.export.amend import amend
+from identification.export.amend import _wanted, amend
 from identification.export.amended_files import Changes, write_mjcf_changes, write_sdf_changes, write_urdf_changes
 from identification.export.write import export_model
 from identification.export.write_back import write_back
@@ -313,6 +313,15 @@ def test_an_offset_is_no_friction(physical: PhysicalParameters) -> None:
     # A file that has friction has so much less than the arm: as the friction itself it was read as half of it.
     assert all("is another than arm.urdf says, by viscous +0." in item.sentence for item in found)
     assert all(", coulomb +0." in item.sentence for item in found)
+
+
+@pytest.mark.parametrize(("offset", "said"), [(5e-4, False), (0.3, True)])
+def test_a_constant_torque_is_advised_only_where_it_matters_beside_friction(offset: float, said: bool) -> None:
+    """Of exact rows 0.5 mNm were known to a hundredth, and to be applied beside 0.8 Nm of friction."""
+    numbers = numbers_of(("viscous", "coulomb", "offset"), (0.5, 0.8, offset), (0.01, 0.01, 1e-5), ("", "", ""))
+    found = Difference("friction_change", 2, None, numbers, 1.0, 50.0, "model", "Friction is another.")
+    left = _wanted([found], load_robot("iiwa14"), has_armature=True).left
+    assert bool(left) == said
 
 
 CUBE = (

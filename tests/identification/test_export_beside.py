@@ -27,6 +27,23 @@ def test_what_no_simulator_holds_goes_into_a_file_beside(tmp_path: Path, table3:
     assert "stribeck_friction of joint 1" in (tmp_path / "arm.urdf").read_text()
 
 
+def test_a_constant_torque_far_below_friction_is_kept_beside_but_no_advice(
+    tmp_path: Path, table3: PhysicalParameters
+) -> None:
+    """0.5 mNm on a joint with 0.3 Nm of Coulomb friction ended in "apply it as a joint torque"."""
+    physical = consistent(table3)
+    offset = 1e-3 * physical.coulomb
+    offset[1] = 0.5 * physical.coulomb[1]
+    result = export_model(
+        model_of(tmp_path, "iiwa14", physical, offset=offset.tolist()), tmp_path / "a.urdf", "urdf",
+        parameter_set="physical",
+    )  # fmt: skip
+    assert [note for note in result.notes if "torque_offset" in note] == [
+        "torque_offset of joint 2 has no place in a simulator model: apply it as a joint torque."
+    ]
+    assert len(json.loads((tmp_path / "a.urdf.effects.json").read_text())["effects"]) == 7
+
+
 @pytest.mark.parametrize("which", ["consistent", "physical"])
 def test_the_constant_torque_beside_the_file_is_that_of_the_set_in_the_file(which: str, tmp_path: Path) -> None:
     """Truth: gravity acts on neither joint of a level crane, so at rest it shows the identified offsets alone. Those of

@@ -150,6 +150,31 @@ def test_stamps_that_jitter_by_some_of_a_step_lose_no_sample_of_two_periods(tmp_
     assert not average.filled.any()
 
 
+@pytest.mark.parametrize("jitter", [0.37, 0.5])
+@pytest.mark.parametrize("lost", [0, 20])
+def test_stamps_that_are_uneven_hide_no_row_and_lose_none(tmp_path: Path, jitter: float, lost: int) -> None:
+    """Rows measured when they are stamped. Steps of more than one and a half were called gaps, some hundred of them,
+    and two periods refused for samples that two rows had come near to.
+    """
+    rows = round(2 * PERIOD_S / STEP_S)
+    random = np.random.default_rng(2)
+    clock = np.sort(np.arange(rows) + jitter * random.uniform(-1.0, 1.0, rows)) * STEP_S
+    clock = np.delete(clock, slice(300, 300 + lost))
+    position = _motion(clock)
+    np.savez(tmp_path / "a.npz", t=clock, q=position, tau=3.0 * position, period_s=PERIOD_S)
+    recording = read_recording(tmp_path / "a.npz")
+    gaps = recording.report.of_kind("gap")
+    crowded = sum(each.count for each in recording.report.of_kind("crowded_rows"))
+    assert sum(each.count for each in gaps) <= crowded + 3 + bool(lost)
+    assert recording.sampling_period_s == pytest.approx(STEP_S, rel=2e-3)
+    average = average_periods(period_table(recording))
+    assert average.filled.sum() <= 2
+    exact = _motion(clock[0] + np.arange(len(average.position)) * average.sampling_period_s)
+    shift = np.median((average.position - exact)[:, 0] / np.gradient(exact[:, 0], average.sampling_period_s))
+    exact = _motion(clock[0] + shift + np.arange(len(average.position)) * average.sampling_period_s)
+    assert np.abs(average.position - exact).max() < 1e-3
+
+
 def test_coarse_stamps_lose_no_sample_of_the_period(tmp_path: Path) -> None:
     """300 Hz in whole milliseconds: steps of 3, 3 and 4 ms. By their median the period had 1333 samples, not 1200."""
     time = np.arange(6000) / 300.0

@@ -15,8 +15,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+from identification.audit import payload
 from identification.audit.difference import Number, with_interval
 from identification.audit.payload import Body, cabinet_load_data, weigh
+from identification.audit.rows import rows_of
 from identification.errors import EstimationError, RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
@@ -268,6 +270,20 @@ def test_a_tool_taken_off_has_a_negative_mass(iiwa14: RobotModel, recorded: Call
 def test_two_recordings_without_a_tool_have_no_load(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
     with pytest.raises(EstimationError, match="No load can be seen"):
         weighed(iiwa14, recorded(None, 7), recorded(None, 8))
+
+
+def test_exact_rows_weigh_no_more_than_they_are_known_to(iiwa14: RobotModel, table3: PhysicalParameters) -> None:
+    """A simulator's without friction: weighed by what rounding leaves, a pair had no solution (LinAlgError)."""
+    bare = replace(table3, coulomb=0.0 * table3.coulomb, viscous=0.0 * table3.viscous)
+    runs = []
+    for seed in (4, 5):
+        position, velocity, acceleration = fourier_motion(7, period_s=10.0, samples=1000, seed=seed)
+        torque = inverse_dynamics(iiwa14, bare, position, velocity, acceleration)
+        runs.append(rows_of([recording_of(position, torque, period_s=10.0)]))
+    sizes = payload.sizes_of(iiwa14, runs[0])
+    columns = [payload._columns(iiwa14, rows, loaded) for loaded, rows in enumerate(runs)]
+    _, weight, _ = payload._fitted(runs, columns, payload._prior(sizes, 7, [6], 10.0), sizes)
+    assert np.all(weight <= 1.001 / sizes.least_noise**2)
 
 
 def test_an_arm_at_rest_weighs_nothing(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
