@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from identification.mismatch.effects.base import Place
 from identification.mismatch.evidence import Evidence
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One thing that may be missing; effect None: nothing of the library is.
 
     forms: its shapes on the grid. best: the shape with the most evidence. coefficients: (m,) of it, with covariance.
     log_odds: nats against effect None, prior included. probability: among all that are alive. beside: variances of the
     classes of each joint that are there too, as `Discrepancies.bases` of the assessment has them. unnamed: whether any
-    of these is missed by as much as the diagnosis asks of a class.
+    of these is missed by as much as the diagnosis asks of a class. Not slotted: what every forecast asks is kept.
     """
 
     effect: str | None
@@ -48,7 +49,7 @@ class Hypothesis:
         """Whether something is there that no form of the library describes."""
         return self.effect is None and any(own.any() for own in self.beside)
 
-    @property
+    @cached_property
     def relative_std(self) -> float:
         """Standard deviation of the size over the size."""
         strength = float(self.coefficients @ np.linalg.pinv(self.covariance, hermitian=True) @ self.coefficients)

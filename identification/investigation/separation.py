@@ -167,7 +167,9 @@ def _explained(rest: FloatArray, own: slice, other: slice, size: FloatArray) -> 
     block = rest[other, other]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-300))
     across = (rest[other, own] @ size) * scale
-    return float(across @ np.linalg.pinv(block * np.outer(scale, scale), 1e-9, hermitian=True) @ across)
+    values, vectors = np.linalg.eigh(block * np.outer(scale, scale))
+    seen = values > 1e-9 * values[-1]
+    return float((((across @ vectors[:, seen]) ** 2) / values[seen]).sum())
 
 
 def agreement(

@@ -28,10 +28,9 @@ from identification.mismatch.nominal import Nominal
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import Problem, off, with_torque
 from identification.mismatch.search.detection import BandPower
-from identification.mismatch.search.extension import Extension, extend, predicted, uncertainties
+from identification.mismatch.search.extension import Extension, extend, nominal_factor, predicted, uncertainties
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import Trial, fitted, removal_scores, without
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
@@ -157,7 +156,7 @@ def _through_what_is_left(exam: Examination, beside: Extension) -> Check:
     covariance[:size, :size] = through.covariance + drag @ moved.T
     covariance[:size, size:], covariance[size:, :size] = drag, drag.T
     # What a motion leaves open does not depend on what the model leaves: directions as the noise alone has them.
-    loose = extend(plain, ()).loose
+    loose = nominal_factor(plain)[-1]
     extension = replace(beside, base=through.base, covariance=covariance, loose=loose, problem=plain)
     return exam.left_by(extension)
 
@@ -180,7 +179,6 @@ def _repeatable(
         return []
     problem, plain, library = exam.problem, exam.plain, exam.rows.library
     result, settings = exam.result, exam.settings
-    screen = build_screen(problem, result.candidates)
     scores = removal_scores(problem, trial, settings)
     sure = uncertainties(problem, now.extension, trial.problem.residual, library, coloured=not trial.complete)
     found = []
@@ -190,7 +188,7 @@ def _repeatable(
         rows = torque_of(member, coefficients, problem.n)
         gain = _heldout_gain(settled(without(trial.members, index)), settled(trial.members))
         parts = member.effect.parts(estimate)
-        others = alternatives(problem, trial, index, screen, library, settings) if len(parts) == 1 else ()
+        others = alternatives(problem, trial, index, exam.screen, library, settings) if len(parts) == 1 else ()
         for part in parts:
             parameters = member.effect.parameters(part)
             own, joints = rows, joints_of(member, rows)

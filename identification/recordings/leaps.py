@@ -91,7 +91,9 @@ def rows_behind_hidden_gaps(time: FloatArray, position: FloatArray) -> IntArray:
     if not size.any() or is_coarse(position[:, size > 0.0]):
         return np.zeros(0, dtype=np.int64)
     steps = steps[:, size > 0.0] / size[size > 0.0]
-    beside = np.median([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]], axis=0)
+    a, b, c, d = steps[:-4], steps[1:-3], steps[3:-1], steps[4:]
+    # The median of four is half way between those that are neither the largest nor the smallest.
+    beside = 0.5 * (np.maximum(np.minimum(a, b), np.minimum(c, d)) + np.minimum(np.maximum(a, b), np.maximum(c, d)))
     speed = np.sqrt((beside**2).sum(axis=1))
     asked = (speed > np.median(speed)) & (elapsed[2:-2] < GAP_FACTOR * np.median(elapsed))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.errors import RecordingError
 from identification.recordings.recording import Finding, Recording
-from identification.recordings.rounded import last_decimal
+from identification.recordings.rounded import moving_rows
 from identification.remembered import once_per_object
 from identification.signals.periods import average_periods, period_table
 
@@ -24,7 +24,7 @@ def alike_joints(recording: Recording) -> tuple[int, ...]:
     where the recording does not repeat. A torque that never changes was not measured, and says nothing.
 
     Values that noise moves over a step or more have a variance of that of the noise and step² / 12 (Widrow 1961); a
-    smaller one is of rounding that repeats with the motion. step: `last_decimal`.
+    smaller one is of rounding that repeats with the motion. step: `moving_rows`.
     """
     if not recording.repeats:
         return ()
@@ -32,7 +32,7 @@ def alike_joints(recording: Recording) -> tuple[int, ...]:
         deviation = average_periods(period_table(recording)).torque_noise_nm
     except RecordingError:  # it does not repeat with the stated period
         return ()
-    step = np.array([last_decimal(torque) for torque in recording.torque.T])
+    step = moving_rows(recording).step[recording.n :]
     alike = (deviation < step / np.sqrt(12.0)) & (np.ptp(recording.torque, axis=0) > 0.0)
     return tuple(int(joint) + 1 for joint in np.flatnonzero(alike))
 

@@ -21,8 +21,8 @@ from identification.mismatch.effects.time_domain import (
 from identification.mismatch.motion import Motion
 from identification.remembered import once_per_object
 
-_STEP = 1e-7
-"""Compliance, rad/Nm, of the difference that stands for the derivative: some 1e-5 rad of lean, far from rounding."""
+_STEP = 1e-6
+"""Angular velocity of the base, rad/s, of the difference that stands for the derivative: far from rounding."""
 _LEFT_OUT = 1e-6
 """Share of the power of the moment on the base, its fastest part, that the lean does not follow."""
 
@@ -83,12 +83,14 @@ class BaseElasticity(Effect):
 @once_per_object
 def _by_power_of_depth(motion: Motion) -> FloatArray:
     """The columns' parts that go with the pivot's depth to the power of 0, 1 and 2, (3, S, n, 3)."""
-    gravity, rigid, chain = motion.robot.gravity, rigid_torque(motion), chain_of(motion)
-    upward, still = -gravity / np.linalg.norm(gravity), np.zeros_like(motion.velocity)
-    first, second = across(-upward)
+    gravity, rigid = motion.robot.gravity, rigid_torque(motion)
+    upward = -gravity / np.linalg.norm(gravity)
+    level = across(-upward)
+    first, second = level
     matrices = [np.outer(one, other) for one, other in ((first, first), (second, second), (first, second))]
     matrices[2] = matrices[2] + matrices[2].T
     moments = rigid.base_moment.T, np.cross(upward, rigid.base_force.T)
+    by_gravity, by_rate, by_growth = _by_the_base(motion, level)
     result = np.zeros((3, motion.samples, motion.n, 3))
     for power, moment in enumerate(moments):
         slow = filtered(motion, moment, _slow_lines(motion))
@@ -96,13 +98,35 @@ def _by_power_of_depth(motion: Motion) -> FloatArray:
             lean = -slow @ matrix
             rate = time_derivative(motion, lean)
             growth = time_derivative(motion, rate)
-            seen = (gravity - _STEP * np.cross(lean, gravity)).T
-            turns = _STEP * rate.T, _STEP * growth.T
-            leaning = chain.backward(chain.forward(motion.velocity, motion.acceleration, seen, base_turns=turns))
-            swaying = chain.backward(chain.forward(still, still, -np.cross(growth, upward).T))
-            result[power, ..., column] += (leaning.torque - rigid.torque) / _STEP
-            result[power + 1, ..., column] += swaying.torque
+            parts = (by_gravity, -np.cross(lean, gravity)), (by_rate, rate), (by_growth, growth)
+            result[power, ..., column] += sum(_along(units, level, vectors) for units, vectors in parts)
+            result[power + 1, ..., column] += _along(by_gravity, level, -np.cross(growth, upward))
     return result
+
+
+def _by_the_base(motion: Motion, level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Torques (2, S, n) per unit of gravity, and of the base's angular velocity and acceleration, along two level axes.
+
+    level: (2, 3) these axes. The lean, its rate and growth and what it does to gravity are level, and act linearly.
+    """
+    gravity, chain, still = motion.robot.gravity, chain_of(motion), np.zeros_like(motion.velocity)
+    none, axes = np.zeros(3), [np.tile(axis[:, None], motion.samples) for axis in level]
+    at_rest = np.zeros_like(axes[0])
+    by_gravity = [chain.forward(still, still, axis) for axis in level]
+    by_growth = [chain.forward(still, still, none, base_turns=(at_rest, axis)) for axis in axes]
+    turning = [
+        chain.forward(motion.velocity, motion.acceleration, gravity, base_turns=(_STEP * axis, at_rest))
+        for axis in axes
+    ]
+    weighed, turned, grown = (
+        np.array([chain.backward(links).torque for links in states]) for states in (by_gravity, turning, by_growth)
+    )
+    return weighed, (turned - rigid_torque(motion).torque) / _STEP, grown
+
+
+def _along(units: FloatArray, level: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(S, n) of torques (2, S, n) per unit along level axes (2, 3), for level vectors (S, 3)."""
+    return np.asarray(np.einsum("ksn,sk->sn", units, vectors @ level.T))
 
 
 @once_per_object

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from identification.mismatch.problem import Problem
 from identification.mismatch.search.extension import Extension, extend
 from identification.mismatch.search.library import Library
 from identification.mismatch.search.refinement import Member
+from identification.mismatch.search.screening import Screen, build_screen
 from identification.mismatch.search.search import SearchResult
 from identification.mismatch.search.trial import Trial
 from identification.mismatch.settings import CAPTURE, DiagnosisSettings
@@ -38,11 +40,11 @@ class Check:
     heldout_after: Residuals | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Examination:
     """What members are examined with: search result, fitted and held-out rows, thresholds.
 
-    problem: in which members are fitted, that of the result.
+    problem: in which members are fitted, that of the result. Not slotted, as what is asked often is computed once.
     """
 
     problem: Problem
@@ -55,6 +57,11 @@ class Examination:
     def plain(self) -> Problem:
         """The fitted rows weighted by the noise alone, no torque without a name beside them."""
         return self.result.before.nominal
+
+    @cached_property
+    def screen(self) -> Screen:
+        """All candidates, beside the base parameters alone."""
+        return build_screen(self.problem, self.result.candidates)
 
     def check(self, members: Sequence[Member]) -> Check:
         """What a set of members leaves, fitted beside the base parameters."""

@@ -15,7 +15,6 @@ from identification.mismatch.names.alternatives import rivals
 from identification.mismatch.names.examination import Check, Examination, joints_of, name_of, torque_of
 from identification.mismatch.search.extension import uncertainties
 from identification.mismatch.search.refinement import Member
-from identification.mismatch.search.screening import build_screen
 from identification.mismatch.search.trial import Trial, fitted, without
 
 
@@ -86,8 +85,7 @@ def without_objection(
 
 def _under_another_name(exam: Examination, trial: Trial, index: int, fallen: Set[tuple[str, Place]]) -> Trial | None:
     """With the best name in the place of one member that the fitted recordings leave open; None without any."""
-    screen = build_screen(exam.problem, exam.result.candidates)
-    for _, rival in rivals(exam.problem, trial, index, screen, exam.rows.library, exam.settings):
+    for _, rival in rivals(exam.problem, trial, index, exam.screen, exam.rows.library, exam.settings):
         if (rival.effect.name, rival.place) not in fallen:
             members = [rival if place == index else member for place, member in enumerate(trial.members)]
             return fitted(exam.problem, members, exam.settings, trial)

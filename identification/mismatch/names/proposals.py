@@ -36,11 +36,11 @@ def search_beside_classes(
         problem = classes.problem(held)
         members = polished(problem, fitted(problem, [*members, member], settings), library, settings).members
     if not members:
-        return SearchResult(before, before, library, candidates)
+        return SearchResult(before, before, library, library)
     problem = classes.problem(held)
     trial = pruned(problem, fitted(problem, members, settings), settings)
-    trial, library = on_own_torque(problem, trial, library, renewed, settings)
-    return SearchResult(trial, before, library, candidates)
+    trial, own = on_own_torque(problem, trial, library, renewed, settings)
+    return SearchResult(trial, before, own, library)
 
 
 def _best_move(

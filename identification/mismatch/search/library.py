@@ -54,6 +54,7 @@ class Library:
     evidences: Sequence[Evidence]
     waves: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     _known: dict[tuple[str, Place, Shape], EffectRows | None] = field(default_factory=dict)
+    _candidates: tuple[list[EffectRows], list[tuple[Effect, Place]]] | None = field(default=None, init=False)
 
     def seen_from(self, evidences: Sequence[Evidence]) -> Library:
         """The same effects on the same motions with another torque; rows that do not depend on that are kept."""
@@ -85,6 +86,11 @@ class Library:
 
     def candidates(self) -> tuple[list[EffectRows], list[tuple[Effect, Place]]]:
         """All repeatable effects at all places and grid points, and the pairs that the motion does not let act."""
+        if self._candidates is None:
+            self._candidates = self._evaluated()
+        return self._candidates
+
+    def _evaluated(self) -> tuple[list[EffectRows], list[tuple[Effect, Place]]]:
         found: list[EffectRows] = []
         inactive: list[tuple[Effect, Place]] = []
         for effect in self.effects:

@@ -74,8 +74,11 @@ def gram_of_rows(
     joints, count = list(touched), values.shape[2]
     columns = problem.whitened(values, joints).reshape(-1, count)
     rows = problem.rows
-    basis = problem.basis.reshape(problem.n, rows, -1)[joints].reshape(len(joints) * rows, -1)
-    residual = problem.residual.reshape(problem.n, rows)[joints].ravel()
+    # Joints are in order: those of one or of all stand together, and their rows are not copied.
+    together = joints[-1] - joints[0] + 1 == len(joints)
+    chosen = slice(joints[0], joints[-1] + 1) if together else joints
+    basis = problem.basis.reshape(problem.n, rows, -1)[chosen].reshape(len(joints) * rows, -1)
+    residual = problem.residual.reshape(problem.n, rows)[chosen].ravel()
     shadow = basis.T @ columns
     plain = columns.T @ columns
     return plain - shadow.T @ shadow, columns.T @ residual, np.diag(plain).copy()

@@ -38,13 +38,18 @@ Renewal = Callable[[FloatArray], Library]
 class SearchResult:
     """What the search settled on. before: the nominal problem.
 
-    library, candidates: those of the last nominal torque.
+    library: that of the last nominal torque. looked_at: the one whose candidates names are told from.
     """
 
     trial: Trial
     before: Trial
     library: Library
-    candidates: Sequence[EffectRows]
+    looked_at: Library
+
+    @property
+    def candidates(self) -> Sequence[EffectRows]:
+        """Computed when asked for: where names are searched again beside classes, nobody asks for the first ones."""
+        return self.looked_at.candidates()[0]
 
 
 def search(nominal: Problem, library: Library, renewed: Renewal, settings: DiagnosisSettings) -> SearchResult:
@@ -74,7 +79,7 @@ def search(nominal: Problem, library: Library, renewed: Renewal, settings: Diagn
     trial = _on_every_joint(nominal, before, trial, library, settings)
     trial = pruned(nominal, trial, settings)
     trial, library = on_own_torque(nominal, trial, library, renewed, settings)
-    return SearchResult(trial, before, library, library.candidates()[0])
+    return SearchResult(trial, before, library, library)
 
 
 def _on_every_joint(

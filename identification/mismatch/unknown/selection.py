@@ -263,8 +263,9 @@ class Selection:
         """A state without some classes, not yet estimated anew."""
         bases = self.rows.joints[joint].bases
         kept = [place for place, group in enumerate(state.groups) if bases[group].number not in numbers]
-        hyper = Hyper(state.hyper.variance[kept], state.hyper.noise)
-        return self.state(joint, tuple(state.groups[place] for place in kept), hyper)
+        # Of the state's own products: all those of a joint are many times as large.
+        hyper, gram = Hyper(state.hyper.variance[kept], state.hyper.noise), state.gram.only(kept)
+        return JointState(tuple(state.groups[place] for place in kept), gram, hyper, marginal(gram, hyper))
 
     def with_class(self, joint: int, state: JointState, number: int) -> JointState:
         """A state with all groups of a class, not yet estimated anew."""

@@ -48,7 +48,7 @@ class Unexplained:
 
 
 def _result(trial: Trial) -> SearchResult:
-    return SearchResult(trial=trial, before=trial, library=None, candidates=())  # type: ignore[arg-type]
+    return SearchResult(trial=trial, before=trial, library=None, looked_at=None)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
