@@ -16,22 +16,15 @@ from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
 from identification.audit.comparison import LEAST_GAIN, REPORT
 from identification.audit.difference import Audit, Difference
-from identification.audit.exchange import exchanged_positions
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
-from identification.audit.misread import (
-    by_its_velocity,
-    misread,
-    misread_order,
-    of_order,
-    order_by_itself,
-)
+from identification.audit.held_out import Asked
+from identification.audit.misread import by_its_velocity, misread
 from identification.audit.numbers import found_numbers
-from identification.audit.other_order import other_order
-from identification.audit.reading import Reading, in_degrees
+from identification.audit.places import likeliest
+from identification.audit.reading import Reading, in_degrees, read_so
 from identification.audit.rows import Rows, rows_of
 from identification.audit.search import Audited, search, search_turned
 from identification.audit.sentences import difference_of, turned_signs
-from identification.audit.turned import turned_against
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import EstimationError
 from identification.mismatch.data_faults.torque_signs import signs_of
@@ -79,10 +72,11 @@ class _Given:
         set_up = replace(SetUp.of(robot), delay_s=model.delay_s)
         return cls(source, regressor, model, sizes, Geometry(robot, rows), set_up, Reading.as_recorded(robot.n))
 
-    def with_rows(self, rows: Rows, reading: Reading) -> _Given:
-        """The same beside recordings that are read in another way: a torque under another joint has another size."""
-        robot, name = self.geometry.robot, self.model.name
-        return replace(_Given.beside(rows, robot, self.source, self.regressor, name), reading=reading)
+    def read(self, reading: Reading) -> _Given:
+        """The same beside recordings that are read so: a torque under another joint has another size."""
+        rows, model = reading.of_rows(self.geometry.rows), self.model.name
+        read = _Given.beside(rows, self.geometry.robot, self.source, self.regressor, model)
+        return replace(read, reading=self.reading.then(reading))
 
 
 def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Path, called: str = "") -> Audit:
@@ -108,69 +102,40 @@ def audit(recordings: Sequence[Recording], robot: RobotModel, model: Model | Pat
     if _too_wide(given):
         return Audit(given.model.name, "model_too_wide", (), (), (), f"{given.model.name} {TOO_LITTLE}")
     found = search(given.geometry, given.set_up, given.model, given.sizes)
-    other = misread_order(given.geometry, given.set_up, given.model)
-    if other is not None:
-        order, what = other
-        instead = given.with_rows(given.geometry.rows.in_order(order), given.reading.in_order(order))
-        again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
-        # On a base that is turned, a torque can be nearer to what the model expects of another joint.
-        if _nats(again, found) >= LEAST_GAIN:
-            found, given = again, instead
-            read_otherwise.append(what)
-            recordings = [replace(each, torque=each.torque[:, order]) for each in recordings]
     if _differs(found, given):
         found, given, moved = _as_it_shows(found, given, recordings)
         read_otherwise.extend(moved)
-    # Asked before a load that no arm carries is refused: a turned joint can look like one.
-    turned = turned_against(given.geometry, given.set_up, given.model) if _differs(found, given) else None
-    if turned is not None:
-        rows, joint = turned
-        sign = np.where(np.arange(robot.n) == joint.joint - 1, -1.0, 1.0)
-        reading = given.reading.turned(sign, sign if joint.with_torque else np.ones(robot.n))
-        instead = given.with_rows(rows, reading)
-        again = search(instead.geometry, instead.set_up, instead.model, instead.sizes)
-        if len(again.steps) <= len(found.steps) and _nats(again, found) >= LEAST_GAIN and _holds(again, given.model):
-            read_otherwise.append(misread("wrong_joint_order", (joint.joint,), float("nan"), joint.against))
-            found, given = again, instead
     return _said(found, given, read_otherwise)
 
 
 def _as_it_shows(
     found: Audited, given: _Given, recordings: Sequence[Recording]
 ) -> tuple[Audited, _Given, list[Difference]]:
-    """With torques under the joints, positions in the places, and of the signs, that the recordings show by themselves,
-    without any model.
+    """With columns in the places and of the signs that recordings show beside the model, and without any.
 
     Beside another difference, or friction that nobody knows, a model does not tell these. Taken where the model then
     makes the recordings clearly likelier, or as likely by fewer causes.
     """
-    robot, rows = given.geometry.robot, given.geometry.rows
+    robot = given.geometry.robot
     regressor = BaseRegressor(robot, RegressorOptions(rotor_inertia=True, offset=True))
-    readings: list[tuple[_Given, Sequence[Recording], list[Difference]]] = []
-    if (order := order_by_itself(rows, robot, given.set_up.gravity)) is not None:
-        in_order = [replace(each, torque=each.torque[:, order]) for each in recordings]
-        instead = given.with_rows(rows.in_order(order), given.reading.in_order(order))
-        readings.append((instead, in_order, [of_order(order, float("nan"))]))
-    if (pair := exchanged_positions(recordings, robot)) is not None:
-        order = pair.order(robot.n)
-        undone = [replace(each, position=each.position[:, order]) for each in recordings]
-        what = misread("wrong_joint_order", pair.joints, float("nan"), pair.against)
-        readings.append((given.with_rows(pair.undone(rows), given.reading.with_positions(order)), undone, [what]))
+    readings: list[tuple[Reading, list[Difference], bool]] = []
+    if robot.n > 1:
+        asked = replace(Asked.of(given.geometry.rows, robot), gravity=given.set_up.gravity)
+        for each in likeliest(asked, [None, given.model]):
+            said = ". ".join(text for fault in each.reading.faults for text in fault)
+            what = misread("wrong_joint_order", each.reading.joints, each.explained, said)
+            readings.append((each.reading, [what], each.clear))
     taken: tuple[Audited, _Given, list[Difference]] = found, given, []
-    if (every := other_order(recordings, robot)) is not None:
-        order = np.array(every.columns) - 1
-        there = [replace(each, position=each.position[:, order], torque=each.torque[:, order]) for each in recordings]
-        what = misread("wrong_joint_order", every.joints, float("nan"), every.against)
-        reading = given.reading.in_order(order).with_positions(order)
-        readings.append((given.with_rows(rows.joints_in_order(order), reading), there, [what]))
-    for instead, as_read, moved in readings or [(given, recordings, [])]:
-        each = signs_of(as_read, regressor)
-        signs = each[0] if np.all(each == each[0]) else np.ones(robot.n)
+    for reading, moved, clear in readings or [(Reading.as_recorded(robot.n), [], True)]:
+        instead = given.read(reading) if moved else given
+        shown = signs_of(read_so(reading, recordings, robot), regressor)
+        signs = shown[0] if np.all(shown == shown[0]) else np.ones(robot.n)
         if not moved and np.array_equal(signs, found.signs):
             continue
         again = search_turned(instead.geometry, instead.set_up, instead.model, instead.sizes, signs)
         fewer = _causes(again, moved) < _causes(taken[0], taken[2])
-        if _nats(again, taken[0]) >= (0.0 if fewer else LEAST_GAIN):
+        sure = clear or (len(again.steps) <= len(taken[0].steps) and _holds(again, given.model))
+        if sure and _nats(again, taken[0]) >= (0.0 if fewer else LEAST_GAIN):
             taken = again, instead, moved
     return taken
 
@@ -277,7 +242,7 @@ def _said(found: Audited, given: _Given, read_otherwise: Sequence[Difference]) -
     ]
     if gone:
         return _said(found.without(gone), given, read_otherwise)
-    reading = given.reading.turned(np.ones(len(found.signs)), found.signs)
+    reading = given.reading.then(Reading.with_signs(found.signs))
     for clock in (item for item in differences if item.effect == "wrong_time_base"):
         reading = replace(reading, ratio=reading.ratio * clock.numbers[0].value)
     if (found.signs < 0.0).any():

@@ -7,7 +7,7 @@ matrices. With a given model the question is how the base stands beside it; with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,12 +48,6 @@ class Directions:
         heavy = np.moveaxis(geometry.heavy, 0, 2).reshape(count, n, -1)
         columns = np.concatenate([free, heavy], axis=2)
         return cls(products_of(columns, torque, geometry.rows.used, geometry.rows.block % parts, parts), n)
-
-    def with_torque_turned(self, joint: int) -> Directions:
-        """The same of a torque that has the other sign on one joint (from 0)."""
-        right = self.products.right.copy()
-        right[:, joint] *= -1.0
-        return replace(self, products=replace(self.products, right=right))
 
     @property
     def parts(self) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ count as one. Pure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -48,6 +48,15 @@ class Products:
         every = np.bincount(columns, values, whole.right.shape[2])
         squares = whole.square[0] + (whole.gram[0] @ every - 2.0 * whole.right[0]) @ every
         return np.asarray(np.maximum(squares, 0.0), dtype=np.float64)
+
+    def beside(self, values: FloatArray) -> Products:
+        """Of the same columns with what (K,) values of them leave of the target."""
+        right = self.right - self.gram @ values
+        return replace(self, right=right, square=np.maximum(self.square - (self.right + right) @ values, 0.0))
+
+    def of(self, columns: IntArray) -> Products:
+        """Of some columns."""
+        return replace(self, gram=self.gram[..., columns[:, None], columns], right=self.right[..., columns])
 
     def counts(self, parts: Sequence[int]) -> FloatArray:
         """(n,) rows of each joint in some parts."""

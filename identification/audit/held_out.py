@@ -6,6 +6,7 @@ Not here: which readings are asked (`otherwise`, `linear_dynamics`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +15,20 @@ from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import Geometry
 from identification.audit.evidence import Products, posterior, products_of
 from identification.audit.given import Sizes, sizes_of, wide_open
-from identification.audit.misread import STAYS
 from identification.audit.rows import REPEATED, Rows
 from identification.robots.model import RobotModel
 
 FOLDS = 4
+STAYS = 0.12
+"""Of the misfit of the joints that take part, what may stay for a misreading to be believed."""
+LONGEST_STEP, STEPS = 0.3, 8
+"""Of a value's logarithm, or a zero in rad or m: further than a tangent reaches, and most steps."""
 _TURNS = 3
 """In which the noise that a reading leaves and its parameters settle."""
+
+
+Linear = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""At some values (m,) the columns (R, n, 14 n), how their torque goes on with each value (R, n, m), and the torque."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +37,11 @@ class Score:
 
     nats: float
     square: FloatArray
+
+    @classmethod
+    def of(cls, square: FloatArray, counts: FloatArray) -> Score:
+        """Of squares (n,) in so many rows (n,)."""
+        return cls(-0.5 / REPEATED * float(counts @ np.log(square)), square)
 
     def holds_against(self, stated: Score) -> bool:
         """Whether next to nothing of the misfit as stated stays, each joint weighed by what this reading leaves."""
@@ -87,7 +100,22 @@ class Asked:
             square += products.left((fold,), self.values(products, widths, others), every)
         counts = products.counts(range(FOLDS))
         square = np.maximum(square / np.maximum(counts, 1.0), self.sizes.least_noise**2)
-        return Score(-0.5 / REPEATED * float(counts @ np.log(square)), square)
+        return Score.of(square, counts)
+
+    def settled(self, start: FloatArray, linear: Linear, width: float, nearest: float) -> FloatArray:
+        """(m,) values that leave least, by tangents from a start, until no step is longer than the nearest.
+
+        width: deviation of a step before the rows are seen.
+        """
+        values, count = start, len(start)
+        for _ in range(STEPS):
+            columns, slopes, torque = linear(values)
+            products = self.products(np.concatenate([columns, slopes], axis=2), torque)
+            step = np.clip(self.values(products, self.widths(count, width))[-count:], -LONGEST_STEP, LONGEST_STEP)
+            values = values + step
+            if np.abs(step).max() < nearest:
+                break
+        return values
 
     def of_reading(self, columns: FloatArray, torque: FloatArray | None = None) -> Score:
         """Of other columns (R, n, 14 n), or another torque (R, n)."""

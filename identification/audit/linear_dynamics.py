@@ -19,8 +19,8 @@ CORNERS_HZ = np.geomspace(0.5 / BLOCK_S, WIDEST_HZ, 7)
 """From half a wave in a block of rows to the band of the rows."""
 DELAYS_S = np.array([0.03, 0.2])
 FIRST_ORDER, OTHER_ORDERS = 2, (1, 4)
-LONGEST_STEP, SMALLEST_STEP, STEPS = 0.3, 1e-3, 8
-"""Of a value's logarithm, or a zero in rad or m: further than a tangent reaches, nearer than asked, most steps."""
+SMALLEST_STEP = 1e-3
+"""Of a value's logarithm: nearer than asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,19 +112,16 @@ def _score(asked: Asked, by: Filter) -> Score:
 
 def _settled(asked: Asked, near: Filter) -> tuple[Filter, Score]:
     """The filter of that kind and order that leaves least, by tangents in the logarithm of its value."""
-    found, step = near, LONGEST_STEP
-    for _ in range(STEPS):
-        columns = filtered(asked, asked.columns, found)
+
+    def further(log: float) -> Filter:
+        return replace(near, value=near.value * float(np.exp(log)))
+
+    def at(log: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        columns = filtered(asked, asked.columns, further(log[0]))
         values = asked.values(asked.products(columns, asked.rows.torque), asked.widths())
         torque = (asked.columns @ values)[..., None]
-        ahead, back = (
-            filtered(asked, torque, replace(found, value=found.value * float(np.exp(sign * SMALLEST_STEP))))
-            for sign in (1.0, -1.0)
-        )
-        both = np.concatenate([columns, (ahead - back) / (2.0 * SMALLEST_STEP)], axis=2)
-        step = float(asked.values(asked.products(both, asked.rows.torque), asked.widths(1))[-1])
-        step = float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
-        found = replace(found, value=found.value * float(np.exp(step)))
-        if abs(step) < SMALLEST_STEP:
-            break
+        ahead, back = (filtered(asked, torque, further(log[0] + step)) for step in (SMALLEST_STEP, -SMALLEST_STEP))
+        return columns, (ahead - back) / (2.0 * SMALLEST_STEP), asked.rows.torque
+
+    found = further(asked.settled(np.zeros(1), at, 1.0, SMALLEST_STEP)[0])
     return found, _score(asked, found)

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import FloatArray
 from identification.audit.columns import GRAVITY, Geometry
 from identification.audit.comparison import LEAST_GAIN, LEAST_SIGMAS, PARTS
 from identification.audit.directions import Directions
-from identification.audit.exchange import TURNS
 from identification.audit.given import sizes_of, wide_open
-from identification.audit.misread import of_order, order_by_itself
-from identification.audit.rows import BLOCK_S, FEWEST_BLOCKS, REPEATED, Rows, rows_of
-from identification.audit.turned import misplaced_joints
+from identification.audit.places import misplaced_joints
+from identification.audit.rows import REPEATED, excerpt, rows_of
 from identification.errors import RecordingError
 from identification.fitting.misfit import notes_on_models_contradicted
 from identification.fitting.rms import RmsTable
@@ -39,6 +37,8 @@ WEIGHTLESS = (
     "torque beside the controller's own compensation of gravity, or an external one. Give the measured torque, or add "
     "what was taken off."
 )
+TURNS = 2
+"""In which the noise that a direction leaves and its parameters settle."""
 _SAME_DIRECTION = np.radians(0.5)
 """What is left under two directions so near is the same, and so would be the next direction."""
 
@@ -156,8 +156,7 @@ def other_stand(recordings: Sequence[Recording], robot: RobotModel) -> tuple[Rec
         except RecordingError:
             continue
         if found is not None and found.is_other:
-            part = [excerpt(recording)]
-            misplaced = misplaced_joints(part, robot, found.gain)
+            misplaced = misplaced_joints([recording], robot, found.gravity)
             if misplaced is not None:
                 raise RecordingError.at(recording.source.path, misplaced.sentence, field="q")
             if found.weightless:
@@ -196,34 +195,20 @@ def _misplaced_alone(recording: Recording, robot: RobotModel) -> str:
 
 
 def _misplaced(recordings: Sequence[Recording], robot: RobotModel) -> str:
-    parts = [excerpt(recording) for recording in recordings]
     try:
-        order = None if robot.mimics else order_of_torques(rows_of(parts), robot, None)
-        if order is not None:
-            order = order_of_torques(rows_of(parts), robot, mounting_of(parts, robot, LEAST_GAIN))
-        if order is not None:
-            return of_order(order, float("nan")).sentence
-        found = misplaced_joints(parts, robot)
-        stand = None if found is None else mounting_of(parts, robot, found.gain)
+        found = misplaced_joints(recordings, robot)
+        stand = None if found is None else mounting_of(recordings, robot, LEAST_GAIN)
+        if stand is not None and stand.is_other:
+            found = misplaced_joints(recordings, robot, stand.gravity)
     except RecordingError:
         return ""
-    return "" if found is None or (stand is not None and stand.is_other) else found.sentence
+    return "" if found is None else found.sentence
 
 
 def notes_on_another_set_up(rms: RmsTable, recordings: Sequence[Recording], robot: RobotModel) -> tuple[str, ...]:
     """`notes_on_models_contradicted` with what a fit of those recordings would say of joints that stand elsewhere."""
     called = dict(zip(recording_names(recordings), recordings, strict=True))
     return notes_on_models_contradicted(rms, lambda name: misplaced([called[name]], robot))
-
-
-def order_of_torques(rows: Rows, robot: RobotModel, stand: Mounting | None) -> IntArray | None:
-    """Which joint's motion each torque goes with, under the gravity stated or found; None where it is its own."""
-    stated = np.array(robot.gravity)
-    # Exchanged torques make gravity seem another one, so the stated one is asked first, and has to be decisive.
-    decisive = order_by_itself(rows, robot, stated, only_decisive=True)
-    if decisive is not None:
-        return decisive
-    return order_by_itself(rows, robot, stand.gravity if stand is not None and stand.is_other else stated)
 
 
 def mounting_of(recordings: Sequence[Recording], robot: RobotModel, least_gain: float = -np.inf) -> Mounting | None:
@@ -270,15 +255,3 @@ def _angle(first: FloatArray, second: FloatArray) -> float:
     """The angle between two directions in rad; a right angle where one has no length."""
     size = max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-9)
     return float(np.arccos(np.clip(first @ second / size, -1.0, 1.0)))
-
-
-def excerpt(recording: Recording) -> Recording:
-    """As many periods as every part of the rows needs to have blocks of: a motion repeated shows gravity no better."""
-    if recording.period_index is None or recording.period_s is None:
-        return recording
-    enough = int(np.ceil(FEWEST_BLOCKS * BLOCK_S / recording.period_s))
-    periods = np.unique(recording.period_index[recording.period_index >= 0])
-    if len(periods) <= enough:
-        return recording
-    stop = int(np.argmax(recording.period_index == periods[enough]))
-    return recording.rows(np.arange(recording.samples) < stop)

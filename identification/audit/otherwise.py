@@ -17,10 +17,9 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.audit.columns import INERTIAL, PARAMETERS
 from identification.audit.comparison import LEAST_GAIN
-from identification.audit.held_out import Asked, Score
+from identification.audit.held_out import STAYS, STEPS, Asked, Score
 from identification.audit.hypotheses import GAIN_WIDTH
-from identification.audit.linear_dynamics import LONGEST_STEP, STEPS, likeliest_filter, within_stretches
-from identification.audit.misread import STAYS
+from identification.audit.linear_dynamics import likeliest_filter, within_stretches
 from identification.audit.partly import FIRST_MOMENTS, MOMENTS, ChangedTorque, changed_torques, sentence_of_changes
 from identification.audit.rows import MOST_ROWS, REPEATED, band_of, rows_of
 from identification.errors import RecordingError
@@ -191,22 +190,16 @@ def _beside(asked: Asked, zeros: FloatArray, slopes: FloatArray, joints: list[in
 
 
 def _settled_zeros(asked: Asked, start: FloatArray, joints: list[int]) -> FloatArray:
-    """(n,) the zeros of some joints that leave least, by tangents."""
+    """(n,) the zeros of some joints that leave least."""
     zeros = start.copy()
-    for _ in range(STEPS):
+
+    def at(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        zeros[joints] = values
         columns, slopes = _slopes(asked, zeros)
-        step = _tangent(asked, columns, slopes[..., joints], asked.rows.torque, WIDEST_ZERO)
-        zeros[joints] += step
-        if np.abs(step).max() < SETTLED:
-            break
+        return columns, slopes[..., joints], asked.rows.torque
+
+    zeros[joints] = asked.settled(start[joints], at, WIDEST_ZERO, SETTLED)
     return zeros
-
-
-def _tangent(asked: Asked, columns: FloatArray, further: FloatArray, torque: FloatArray, width: float) -> FloatArray:
-    """(m,) how far to go along further columns (R, n, m) beside columns (R, n, 14 n), no further than they reach."""
-    count = further.shape[2]
-    products = asked.products(np.concatenate([columns, further], axis=2), torque)
-    return np.clip(asked.values(products, asked.widths(count, width))[-count:], -LONGEST_STEP, LONGEST_STEP)
 
 
 def _without_sign(asked: Asked) -> _Found:
@@ -249,18 +242,14 @@ def _scales(asked: Asked) -> _Found:
     n = len(asked.sizes.torque)
     if n < 2:
         return None
-    logs = np.zeros(n)
-    for _ in range(STEPS):
-        torque = asked.rows.torque * np.exp(-logs)
-        products = asked.products(asked.columns, torque)
-        values = asked.values(products, asked.widths())
-        expected = asked.columns @ values
-        further = np.zeros((*expected.shape, n))
-        further[:, np.arange(n), np.arange(n)] = expected
-        step = _tangent(asked, asked.columns, further, torque, GAIN_WIDTH)
-        logs += step - np.median(step)
-        if np.abs(step).max() < SETTLED:
-            break
+
+    def at(logs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        torque = asked.rows.torque * np.exp(np.median(logs) - logs)
+        expected = asked.columns @ asked.values(asked.products(asked.columns, torque), asked.widths())
+        return asked.columns, expected[..., None] * np.eye(n), torque
+
+    logs = asked.settled(np.zeros(n), at, GAIN_WIDTH, SETTLED)
+    logs -= np.median(logs)
     score = asked.of_reading(asked.columns, asked.rows.torque * np.exp(-logs))
     nats = score.nats - float(asked.rows.used.sum(axis=0) @ logs) / REPEATED
     scales = ", ".join(f"{value:.2g}" for value in np.exp(logs - logs.max()))
@@ -277,15 +266,13 @@ def _clock(asked: Asked) -> _Found:
     if asked.rows.clock_known:
         return None
 
-    log_ratio = 0.0
-    for _ in range(STEPS):
-        columns = asked.geometry.columns(asked.gravity, float(np.exp(log_ratio)))
+    def at(log_ratio: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        ratio = float(np.exp(log_ratio[0]))
+        columns = asked.geometry.columns(asked.gravity, ratio)
         values = asked.values(asked.products(columns, asked.rows.torque), asked.widths())
-        slope = asked.geometry.by_ratio(values, float(np.exp(log_ratio)))
-        step = _tangent(asked, columns, slope[..., None], asked.rows.torque, 1.0)
-        log_ratio += float(step[0])
-        if np.abs(step).max() < SETTLED:
-            break
+        return columns, asked.geometry.by_ratio(values, ratio)[..., None], asked.rows.torque
+
+    log_ratio = float(asked.settled(np.zeros(1), at, 1.0, SETTLED)[0])
     if abs(log_ratio) < SMALLEST_CLOCK_ERROR:
         return None
     ratio = float(np.exp(log_ratio))

@@ -16,7 +16,7 @@ from identification.arrays import BoolArray, FloatArray
 from identification.audit.columns import Geometry
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.given import sizes_of, wide_open
-from identification.audit.misread import STAYS
+from identification.audit.held_out import STAYS
 from identification.audit.rows import REPEATED, Rows, rows_of
 from identification.errors import RecordingError
 from identification.recordings.recording import Recording

@@ -1,18 +1,19 @@
-"""How recordings are to be read beside a model: degrees, clock, columns and signs of the joints. Pure.
+"""How recordings are to be read: degrees, clock, columns and signs of the joints. Pure.
 
-Here: what is read otherwise than it stands, and recordings read so. Not here: how that is found (`misread`, `exchange`,
-`turned`, `search`).
+Here: what is read otherwise than it stands, recordings read so, and what is said of it. Not here: how that is found
+(`places`, `misread`, `search`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray
+from identification.audit import rows as audit_rows
 from identification.recordings.recording import Recording
 from identification.robots.model import RobotModel
 
@@ -20,6 +21,7 @@ MOTION = ("position", "velocity", "command_position", "link_position")
 TORQUE = ("torque", "external_torque")
 WIDEST_RAD = 4.0 * np.pi
 """No joint of an arm turns that far; in degrees nearly every motion does."""
+IN_ORDER = "Put the columns in the robot's order"
 
 Columns = tuple[int, ...]
 
@@ -41,26 +43,68 @@ class Reading:
         """Of n joints, everything as it stands."""
         return cls(tuple(range(1, n + 1)), tuple(range(1, n + 1)))
 
-    def in_order(self, order: IntArray) -> Reading:
-        """With the torque that stands under joint order[j], from 0, under joint j."""
-        return replace(self, torque=tuple(self.torque[column] for column in order))
+    @classmethod
+    def with_signs(cls, signs: FloatArray) -> Reading:
+        """With torques times (n,) ±1."""
+        columns = np.arange(1, len(signs) + 1)
+        return cls(tuple(columns.tolist()), tuple((signs * columns).astype(int).tolist()))
 
-    def with_positions(self, order: IntArray) -> Reading:
-        """With the motion that stands under joint order[j], from 0, under joint j."""
-        return replace(self, motion=tuple(self.motion[column] for column in order))
-
-    def turned(self, motion: FloatArray, torque: FloatArray) -> Reading:
-        """With those signs, each (n,) ±1, of motion and torque turned besides."""
-        motions, torques = (
-            tuple(int(sign) * column for sign, column in zip(signs.tolist(), columns, strict=True))
-            for signs, columns in ((motion, self.motion), (torque, self.torque))
+    def then(self, further: Reading) -> Reading:
+        """With what is read otherwise besides in recordings that are read so."""
+        motion, torque = (
+            tuple(own[abs(place) - 1] * (1 if place > 0 else -1) for place in places)
+            for own, places in ((self.motion, further.motion), (self.torque, further.torque))
         )
-        return replace(self, motion=motions, torque=torques)
+        return Reading(motion, torque, self.ratio * further.ratio, self.degrees or further.degrees)
 
     @property
     def is_other(self) -> bool:
         """Whether anything is read otherwise than it stands."""
         return self != Reading.as_recorded(len(self.torque))
+
+    @property
+    def places(self) -> Reading:
+        """Without signs of torques alone, which are another question than where columns stand and how joints count."""
+        pairs = zip(self.motion, self.torque, strict=True)
+        return replace(self, torque=tuple(column if motion < 0 else abs(column) for motion, column in pairs))
+
+    @property
+    def joints(self) -> Columns:
+        """Those that have another column or sign than their own, from 1."""
+        each = enumerate(zip(self.motion, self.torque, strict=True), start=1)
+        return tuple(joint for joint, columns in each if columns != (joint, joint))
+
+    @property
+    def faults(self) -> tuple[tuple[str, str], ...]:
+        """What is wrong with places and turns of the joints, each with what puts it right."""
+        motion, torque = (tuple(map(abs, columns)) for columns in (self.motion, self.torque))
+        moved, found = [joint for joint in self.joints if motion[joint - 1] != joint], list[tuple[str, str]]()
+        if moved and motion == torque:
+            each = ", ".join(f"joint {joint} under joint {motion[joint - 1]}" for joint in moved)
+            order = f"Put them in its order, --joints {','.join(map(str, motion))} where they have no names"
+            found.append((f"Positions and torques stand in another order than the robot's joints: {each}", order))
+        elif len(moved) == 2:
+            pair = f"The positions of joints {moved[0]} and {moved[1]} stand in each other's place"
+            found.append((f"{pair}, or their torques do", IN_ORDER))
+        elif moved:
+            found.append((f"The positions are in the order of other joints: {_under(motion)}", IN_ORDER))
+        if motion != torque != tuple(range(1, len(torque) + 1)):
+            found.append((f"The torques are in the order of other joints: {_under(torque)}", IN_ORDER))
+        for joint in (joint for joint in self.joints if self.motion[joint - 1] < 0):
+            what, remedy = f"The position of joint {joint} has the wrong sign", "Turn its column, not its torque's"
+            if self.torque[joint - 1] < 0:
+                what = (
+                    f"Joint {joint} counts the other way than the robot's model: its position and its torque are turned"
+                )
+                remedy = "Turn both, or the joint's axis in the model"
+            found.append((what, remedy))
+        return tuple(found)
+
+    @property
+    def sentence(self) -> str:
+        """What an operator reads of recordings by themselves."""
+        better = "so read, the recording goes far better with one rigid body"
+        return " ".join(f"{what}; {better}. {remedy}." for what, remedy in self.faults)
 
     def of(self, recording: Recording, revolute: BoolArray) -> Recording:
         """The recording read so. revolute: (n,) which joints have angles."""
@@ -70,9 +114,29 @@ class Reading:
             recording = with_clock(recording, self.ratio)
         changed: dict[str, Any] = {}
         for names, columns in ((MOTION, self.motion), (TORQUE, self.torque)):
-            order, signs = np.abs(columns) - 1, np.sign(columns)
-            changed |= {name: signs * values[:, order] for name, values in recording.arrays(names).items()}
+            changed |= {name: placed(columns, values) for name, values in recording.arrays(names).items()}
         return replace(recording, **changed)
+
+    def of_rows(self, rows: audit_rows.Rows) -> audit_rows.Rows:
+        """Rows with their columns read so; clock and units stay."""
+        changed: dict[str, Any] = {"used": rows.used[:, np.abs(self.motion) - 1]}
+        for names, columns in ((audit_rows.MOTION, self.motion), (("torque", "torque_rate"), self.torque)):
+            changed |= {name: placed(columns, getattr(rows, name)) for name in names}
+        smooth = tuple(
+            replace(each, torque=placed(self.torque, each.torque), rate=placed(self.torque, each.rate))
+            for each in rows.smooth
+        )
+        return replace(rows, **changed, smooth=smooth)
+
+
+def placed(columns: Columns, values: FloatArray) -> FloatArray:
+    """(…, n) every recorded column under its joint, with its sign."""
+    return np.asarray(np.sign(columns) * values[..., np.abs(columns) - 1])
+
+
+def _under(columns: Iterable[int]) -> str:
+    each = enumerate(columns, start=1)
+    return ", ".join(f"that of joint {joint} stands under joint {column}" for joint, column in each if column != joint)
 
 
 def read_so(reading: Reading | None, recordings: Sequence[Recording], robot: RobotModel) -> list[Recording]:

@@ -100,27 +100,17 @@ class Rows:
         torque, rate = zip(*(stretch.after(delay_s) for stretch in self.smooth), strict=True)
         return np.concatenate(torque), np.concatenate(rate)
 
-    def in_order(self, order: IntArray) -> Rows:
-        """With the torque of joint order[j] under joint j."""
-        return replace(
-            self, torque=self.torque[:, order], torque_rate=self.torque_rate[:, order],
-            smooth=tuple(replace(item, torque=item.torque[:, order], rate=item.rate[:, order]) for item in self.smooth),
-        )  # fmt: skip
 
-    def joints_in_order(self, order: IntArray) -> Rows:
-        """With motion and torque of joint order[j] under joint j."""
-        own: dict[str, Any] = {name: getattr(self, name)[:, order] for name in (*MOTION, "used")}
-        return replace(self.in_order(order), **own)
-
-    def turned(self, joint: int, *, with_torque: bool) -> Rows:
-        """With the motion of one joint (from 0) turned round, or its motion and its torque."""
-        sign = np.where(np.arange(self.torque.shape[1]) == joint, -1.0, 1.0)
-        changed: dict[str, Any] = {name: sign * getattr(self, name) for name in MOTION}
-        if with_torque:
-            changed.update(torque=sign * self.torque, torque_rate=sign * self.torque_rate, smooth=tuple(
-                replace(item, torque=sign * item.torque, rate=sign * item.rate) for item in self.smooth
-            ))  # fmt: skip
-        return replace(self, **changed)
+def excerpt(recording: Recording) -> Recording:
+    """As many periods as every part of the rows needs to have blocks of: a motion repeated shows gravity no better."""
+    if recording.period_index is None or recording.period_s is None:
+        return recording
+    enough = int(np.ceil(FEWEST_BLOCKS * BLOCK_S / recording.period_s))
+    periods = np.unique(recording.period_index[recording.period_index >= 0])
+    if len(periods) <= enough:
+        return recording
+    stop = int(np.argmax(recording.period_index == periods[enough]))
+    return recording.rows(np.arange(recording.samples) < stop)
 
 
 def band_of(recordings: Sequence[Recording]) -> float:

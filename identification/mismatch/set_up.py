@@ -15,12 +15,11 @@ import numpy as np
 
 from identification.arrays import evenly
 from identification.audit.comparison import LEAST_SIGMAS
-from identification.audit.misread import of_order
-from identification.audit.mount import Mounting, excerpt, mounting_of, order_of_torques
+from identification.audit.mount import Mounting, mounting_of
 from identification.audit.otherwise import CHANGING, Otherwise, other_readings
+from identification.audit.places import misplaced_joints
 from identification.audit.reading import in_degrees
-from identification.audit.rows import WIDEST_HZ, Rows, rows_of
-from identification.audit.turned import misplaced_joints
+from identification.audit.rows import WIDEST_HZ
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
@@ -111,8 +110,8 @@ def set_up_checks(
 
     large: whether the misfit is (`may_be_read_otherwise`), as far as it is known.
     """
-    rows, stand = rows_of(recordings), mounting_of(recordings, robot)
-    order, exchanged = _places(recordings, rows, robot, stand, faults)
+    stand = mounting_of(recordings, robot)
+    order = _places(recordings, robot, stand, faults)
     there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
     turned = {fault.recording for fault in faults if fault.fault == "inverted_torque_sign"}
     named = [name in turned for name in recording_names(recordings)]
@@ -124,7 +123,7 @@ def set_up_checks(
         read = [item for item in read if item.kind != "clock"]
     constancy = _constancy(read)
     checks = (
-        UNKNOWN_STAND if exchanged else _gravity(stand),
+        UNKNOWN_STAND if order.status == "failed" else _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
@@ -141,23 +140,17 @@ def set_up_checks(
 
 
 def _places(
-    recordings: Sequence[Recording], rows: Rows, robot: RobotModel, stand: Mounting | None, faults: Sequence[DataFault]
-) -> tuple[SetUpCheck, bool]:
-    """Whether torques, positions and velocities stand under their own joints, and whether positions were exchanged or
-    turned.
-    """
-    moved = order_of_torques(rows, robot, stand)
-    if moved is not None:
-        return SetUpCheck("order of joints", "failed", of_order(moved, float("nan")).sentence), False
-    order = SetUpCheck("order of joints", "ok", "No torque goes clearly better with the motion of another joint.")
-    rival = stand.gain if stand is not None and stand.is_other else 0.0
-    excerpts = [excerpt(recording) for recording in recordings]
-    misplaced = misplaced_joints(excerpts, robot, rival)
+    recordings: Sequence[Recording], robot: RobotModel, stand: Mounting | None, faults: Sequence[DataFault]
+) -> SetUpCheck:
+    """Whether torques, positions and velocities stand under their own joints, none of which counts the other way."""
+    other = stand.gravity if stand is not None and stand.is_other else None
+    misplaced = misplaced_joints(recordings, robot, other)
     if misplaced is not None:
-        return SetUpCheck(order.name, "failed", misplaced.sentence), True
+        return SetUpCheck("order of joints", "failed", misplaced.sentence)
+    order = "No torque goes clearly better with the motion of another joint."
     velocities = " ".join(fault.sentence for fault in faults if fault.fault == "wrong_joint_order")
     # No fit uses a recorded velocity.
-    return (SetUpCheck(order.name, "warning", f"{order.sentence} {velocities}") if velocities else order), False
+    return SetUpCheck("order of joints", "warning" if velocities else "ok", f"{order} {velocities}".rstrip())
 
 
 def _damaged_files(recordings: Sequence[Recording]) -> tuple[SetUpCheck, ...]:

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from identification.audit.audit import audit
-from identification.audit.exchange import exchanged_positions
 from identification.audit.mount import require_stated_stand
-from identification.audit.other_order import OtherOrder, other_order
-from identification.audit.turned import misplaced_joints
+from identification.audit.places import misplaced_joints
+from identification.audit.reading import Reading
 from identification.base_parameters import BaseRegressor
 from identification.errors import RecordingError
 from identification.fitting.settings import FitSettings
@@ -46,6 +45,18 @@ def test_two_torques_exchanged_on_an_arm_of_three_joints_are_told(seed: int, tmp
     assert "that of joint 1 stands under joint 2" in found["order of joints"].sentence
     assert found["torque signs"].status != "failed"
     assert {right[name].status for name in ("order of joints", "torque signs")} == {"ok"}
+
+
+def exchanged_positions(recordings: list[Recording], robot: RobotModel) -> Reading | None:
+    """The reading found where it is two positions in each other's place, and nothing else."""
+    found = misplaced_joints(recordings, robot)
+    pair = found is not None and found.torque == tuple(range(1, robot.n + 1)) and min(found.motion) > 0
+    return found if pair else None
+
+
+def is_other_order(found: Reading | None) -> bool:
+    """Whether positions and torques stand in another order, and alike."""
+    return found is not None and found.motion == found.torque and min(found.motion) > 0
 
 
 ARMS = {"ur10.npz": "ur10_mdh.csv", "tx40_excitation.npz": "tx40.urdf", "lbrmed7.npz": "med7dock.urdf"}
@@ -112,11 +123,11 @@ def test_joints_in_another_order_are_told_with_the_option_that_puts_them_right(
     sound = recording_of(states[0], torque, period_s=20.0)
     recorded = np.argsort(np.array(columns) - 1)
     spoilt = replace(sound, position=sound.position[:, recorded], torque=torque[:, recorded])
-    found = other_order([spoilt], robot)
+    found = misplaced_joints([spoilt], robot)
     assert found is not None
-    assert found.columns == columns
+    assert found.motion == found.torque == columns
     assert f"--joints {','.join(map(str, columns))}" in found.sentence
-    assert other_order([sound], robot) is None
+    assert misplaced_joints([sound], robot) is None
 
 
 @pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz", "kr300_b.npz"])
@@ -130,7 +141,7 @@ def test_no_other_order_is_seen_in_the_recording_of_a_real_arm(file: str) -> Non
         exchanged(recording, 2, 3, "position"),
         exchanged(recording, 2, 3, "torque"),
     ):
-        assert not isinstance(misplaced_joints([each], robot), OtherOrder)
+        assert not is_other_order(misplaced_joints([each], robot))
 
 
 def test_real_joints_in_another_order_are_told_alone_and_beside_a_model(tmp_path: Path) -> None:
@@ -141,8 +152,8 @@ def test_real_joints_in_another_order_are_told_alone_and_beside_a_model(tmp_path
     order = np.array(columns) - 1
     spoilt = replace(recording, position=recording.position[:, order], torque=recording.torque[:, order])
     found = misplaced_joints([spoilt], robot)
-    assert isinstance(found, OtherOrder)
-    assert found.columns == columns
+    assert found is not None
+    assert found.motion == found.torque == columns
     (said,) = audit([spoilt], robot, model).differences
     assert (said.effect, said.joints, said.against) == ("wrong_joint_order", found.joints, "recording")
 

@@ -10,7 +10,8 @@ import pytest
 
 from identification.audit.audit import audit
 from identification.audit.mount import require_stated_stand
-from identification.audit.turned import turned_joint
+from identification.audit.places import misplaced_joints
+from identification.audit.reading import Reading
 from identification.errors import RecordingError
 from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import examine_set_up
@@ -28,6 +29,13 @@ def turned(recording: Recording, joint: int, *names: str) -> Recording:
     """Columns of one joint, from 1, with the other sign."""
     sign = np.where(np.arange(recording.n) == joint - 1, -1.0, 1.0)
     return replace(recording, **{name: getattr(recording, name) * sign for name in names})
+
+
+def reading(n: int, joint: int, *, with_torque: bool) -> Reading:
+    """Of n joints, one of which counts the other way, or has a position with the wrong sign."""
+    stated = tuple(range(1, n + 1))
+    turned = tuple(-each if each == joint else each for each in stated)
+    return Reading(turned, turned if with_torque else stated)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +56,9 @@ def test_a_joint_that_counts_the_other_way_is_named(
     arm: tuple[Recording, RobotModel], joint: int, names: tuple[str, ...]
 ) -> None:
     recording, robot = arm
-    found = turned_joint([turned(recording, joint, *names)], robot)
+    found = misplaced_joints([turned(recording, joint, *names)], robot)
     assert found is not None
-    assert (found.joint, found.with_torque) == (joint, len(names) == 2)
+    assert found == reading(recording.n, joint, with_torque=len(names) == 2)
 
 
 def test_fit_warns_of_the_joint_and_of_none_in_a_sound_recording(arm: tuple[Recording, RobotModel]) -> None:
@@ -80,9 +88,9 @@ def test_of_two_joints_that_both_gain_the_likelier_is_named(tmp_path: Path) -> N
     states = fourier_motion(5, period_s=20.0, samples=2000, seed=1)
     torque = inverse_dynamics(robot, random_bodies(5, 1), *states)
     torque += 0.02 * torque.std(axis=0) * np.random.default_rng(3).standard_normal(torque.shape)
-    found = turned_joint([turned(recording_of(states[0], torque, period_s=20.0), 2, "position")], robot)
+    found = misplaced_joints([turned(recording_of(states[0], torque, period_s=20.0), 2, "position")], robot)
     assert found is not None
-    assert (found.joint, found.with_torque) == (2, False)
+    assert found == reading(5, 2, with_torque=False)
 
 
 @pytest.mark.parametrize("joint", [None, 1, 2, 3, 4])
@@ -90,7 +98,7 @@ def test_a_torque_that_alone_has_the_wrong_sign_is_no_turned_joint(
     arm: tuple[Recording, RobotModel], joint: int | None
 ) -> None:
     recording, robot = arm
-    assert turned_joint([recording if joint is None else turned(recording, joint, "torque")], robot) is None
+    assert misplaced_joints([recording if joint is None else turned(recording, joint, "torque")], robot) is None
 
 
 def test_the_examination_says_so_and_no_other_stand_is_advised(arm: tuple[Recording, RobotModel]) -> None:
@@ -109,14 +117,14 @@ def test_the_examination_says_so_and_no_other_stand_is_advised(arm: tuple[Record
 @pytest.mark.parametrize("file", [*ARMS, "kr300_a.npz"])
 def test_no_joint_of_a_real_arm_is_said_to_be_turned(file: str) -> None:
     recording, robot = measured(file)
-    assert turned_joint([recording], robot) is None
+    assert misplaced_joints([recording], robot) is None
 
 
 def test_a_turned_joint_of_a_real_arm_is_named() -> None:
     recording, robot = measured("ur10.npz")
-    found = turned_joint([turned(recording, 2, "position", "torque")], robot)
+    found = misplaced_joints([turned(recording, 2, "position", "torque")], robot)
     assert found is not None
-    assert (found.joint, found.with_torque) == (2, True)
+    assert found == reading(6, 2, with_torque=True)
 
 
 @pytest.fixture(scope="module")
