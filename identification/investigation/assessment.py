@@ -39,6 +39,8 @@ _DESCRIBED = frozenset(number for number, kind in enumerate(CLASSES) if kind.des
 """Classes that a name describes completely: alone on a joint the name stands for them."""
 _BACKGROUND = frozenset(number for number, kind in enumerate(CLASSES) if kind.background)
 _CONSTANT = next(number for number, kind in enumerate(CLASSES) if kind.name == "constant")
+_UNNAMED = frozenset(range(len(CLASSES))) - {_CONSTANT}
+"""Classes that stand for torque of no known form; a constant alone is an offset."""
 _MOST_PASSES = 3
 
 
@@ -106,6 +108,11 @@ def _with_classes(plain: Selection) -> Selection:
                 state = eliminated(result, joint, _DESCRIBED - {_CONSTANT})
                 only = set(result.classes(joint, state)) == {_CONSTANT}
                 result.states[joint] = eliminated(result, joint, _DESCRIBED) if only else state
+    if _missed(result, _UNNAMED) >= SPEAK:
+        # Beside torque of no known form no constant is a name. Were it left to the forms, a spring that holds it leads.
+        for joint in map(int, order):
+            if rows.asked[joint] and not result.states[joint].groups and result.asks(joint):
+                result.states[joint] = eliminated(result, joint, _DESCRIBED - {_CONSTANT})
     score = result.total()
     for _ in range(_MOST_PASSES):
         for joint in map(int, order):
@@ -116,7 +123,7 @@ def _with_classes(plain: Selection) -> Selection:
     return result
 
 
-def _missed(selection: Selection, only: Collection[int] = range(len(CLASSES))) -> float:
+def _missed(selection: Selection, only: Collection[int]) -> float:
     """Nats of the class that weighs most on any joint, of these numbers."""
     losses = (selection.losses(joint, state) for joint, state in enumerate(selection.states))
     return max((loss for own in losses for number, loss in own.items() if number in only), default=0.0)
@@ -178,7 +185,7 @@ def _weighed(
     # An evidence leaves out ½ log FREE of each column beside the base parameters, of which the form has some more.
     gained = whole.total() - nothing.total() + 0.5 * own.size * math.log(FREE)
     log_odds = min(gained, worth) + item.spread + prior - _shared_odds(whole)
-    beside, none = _missed(whole) >= SPEAK, -_shared_odds(nothing)
+    beside, none = _missed(whole, _UNNAMED) >= SPEAK, -_shared_odds(nothing)
     shown, unnamed = energies(whole, touched, own, coefficients)
     described = [number for number, kind in enumerate(CLASSES) if item.effect.name in kind.described]
     if shown < unnamed or (beside and (_CONSTANT in described or log_odds < none + SPEAK)):

@@ -12,10 +12,10 @@ from fixtures.cases.disturbances import draw_background
 from fixtures.cases.excitation import excitation_of
 from identification.base_parameters import BaseRegressor
 from identification.excitation import Trajectory, default_trajectory, iiwa_limits
-from identification.investigation import assessment
+from identification.investigation import assessment, screening
 from identification.investigation.assessment import assess
 from identification.investigation.choice import Chooser
-from identification.investigation.columns import sums_of
+from identification.investigation.columns import forms_of, sums_of
 from identification.investigation.discrepancy import Discrepancies
 from identification.investigation.experiments import Room, experiment
 from identification.mismatch.evidence import Evidence, fit_parameters, with_parameters
@@ -38,11 +38,13 @@ def evidences(
     background: bool,
     spring: float,
     friction: float = 0.0,
+    offset: float = 0.0,
     motions: tuple[Trajectory, ...] = (),
 ) -> list[Evidence]:
     """Motions of an arm with a spring on joint 3, or with a smooth error of the model on all joints.
 
-    friction: Nm, of joint 3, as large as the sine of its position. motions: none is the shipped one.
+    friction: Nm, of joint 3, as large as the sine of its position. offset: Nm, of joint 6. motions: none is the shipped
+    one.
     """
     random = np.random.default_rng(21)
     arm, smooth = Arm(random_links(random)), draw_background(random)
@@ -53,6 +55,7 @@ def evidences(
         torque += arm.links.viscous * motion.velocity + arm.links.coulomb * np.sign(motion.velocity)
         torque[:, 2] += spring * motion.position[:, 2]
         torque[:, 2] += friction * np.sin(motion.position[:, 2]) * np.sign(motion.velocity[:, 2])
+        torque[:, 5] += offset
         if background:
             torque += smooth.torque(motion)
         noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * random.normal(size=(PERIODS * len(torque), 7))
@@ -109,6 +112,22 @@ def test_beside_a_smooth_error_a_form_is_weighed_by_what_it_explains_and_not_aga
     nothing, first = (next(item for item in found.alive if (item.effect is None) == none) for none in (True, False))
     assert (first.effect, first.place.joint) == ("position_dependent_friction", 3)
     assert first.log_odds > nothing.log_odds - assessment.WITHIN
+
+
+def test_a_constant_beside_torque_of_no_known_form_speaks_for_no_spring(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """There an offset is no name. Left to the forms, the spring of that joint, which holds it, led all else."""
+    spring = ("cable_spring", 6)
+    monkeypatch.setattr(
+        screening, "forms_of", lambda motion: (one for one in forms_of(motion) if (one[0].name, one[1].joint) == spring)
+    )
+    rows = evidences(tmp_path, iiwa14, iiwa14_base, background=False, spring=0.0, friction=0.1, offset=0.004)
+    found = assess(rows, asked=[spring])
+    nothing = next(item for item in found.alive if item.effect is None)
+    bases = zip(found.discrepancies.bases[5], nothing.beside[5], strict=True)
+    assert {CLASSES[basis.number].name for basis, variance in bases if variance > 0.0} == {"constant"}
+    assert found.leader.log_odds == nothing.log_odds
 
 
 @pytest.mark.parametrize("asked", [(), (("cable_spring", 3),)])
