@@ -33,7 +33,7 @@ KINDS = 3
 @dataclass(frozen=True, slots=True)
 class Misplaced:
     """reading: under which every column is that of its joint. explained: share of the misfit that goes, of the joints
-    that take part. clear: whether next to nothing of it stays.
+    that take part. clear: whether next to nothing of it stays, or it is the likeliest without a model too.
     """
 
     reading: Reading
@@ -84,7 +84,7 @@ def likeliest(asked: Asked, models: Sequence[GivenModel | None], rivals: Sequenc
             # Beside free parameters of all bodies a column out of place is felt by every joint.
             part = slice(None) if model is None else np.abs(np.array(reading.torque))[np.array(reading.joints) - 1] - 1
             times = float((rival.square[part] / score.square[part]).mean())
-            found.setdefault(reading, Misplaced(reading, 1.0 - 1.0 / times, STAYS * times >= 1.0))
+            found[reading] = Misplaced(reading, 1.0 - 1.0 / times, STAYS * times >= 1.0 or reading in found)
     return list(found.values())
 
 

@@ -280,13 +280,17 @@ def test_a_late_torque_counts_by_what_it_gains_where_the_data_are_read_as_late_a
         assert low < late < high
 
 
+@pytest.mark.parametrize("pair", [(2, 3), (3, 4), (2, 5)])
 def test_two_torques_are_put_back_in_order_beside_joints_of_which_the_model_leaves_more(
-    heavy: tuple[Bench, Bench],
+    heavy: tuple[Bench, Bench], pair: tuple[int, int]
 ) -> None:
+    """Much of the misfit stays, so that it takes the recording alone and the model to tell it."""
+    order = np.arange(6)
+    order[np.array(pair) - 1] = np.array(pair[::-1]) - 1
     for each in heavy:
-        found = each.with_torque(each.recording.torque[:, [0, 2, 1, 3, 4, 5]])
+        found = each.with_torque(each.recording.torque[:, order])
         assert names(found) == [("wrong_joint_order", None, None)]
-        assert found.differences[0].joints == (2, 3)
+        assert found.differences[0].joints == pair
 
 
 def counted(answer: Callable[..., object], most: int = 30) -> Callable[..., object]:
