@@ -19,7 +19,7 @@ from identification.arrays import FloatArray, evenly
 from identification.base_parameters import BaseRegressor
 from identification.errors import EstimationError, RecordingError, SolverError, UndeterminedParametersError
 from identification.estimators.constrained import ConstrainedResult, solve_constrained
-from identification.estimators.feasibility import rules_for
+from identification.estimators.feasibility import friction_beyond, rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.prior import SettledParameters, settle_open_directions
@@ -106,7 +106,8 @@ def fit_recordings(
     if real.constrained is not None:
         sets["physical"] = real.constrained.base_values
     rms = _rms_table(blocks, sets, noise_floor)
-    known = _notes(rms, processed, band, [*together, *notes_on_model(regressor, settings)])
+    on_fit = [*together, *_notes_on_bounds(regressor, least_squares, settings), *notes_on_model(regressor, settings)]
+    known = _notes(rms, processed, band, on_fit)
     result = FitResult(
         robot=robot,
         regressor=regressor,
@@ -247,6 +248,13 @@ def _notes_on_standing(recordings: Sequence[Recording]) -> list[str]:
         for recording, name in zip(recordings, recording_names(recordings), strict=True)
         for finding in standing_values(recording)
     ]
+
+
+def _notes_on_bounds(regressor: BaseRegressor, estimate: LeastSquaresResult, settings: FitSettings) -> list[str]:
+    """That program (10) was not free to keep the measured friction, where it was solved."""
+    rules = rules_for(regressor.robot).with_bounds(settings.bounds)
+    said = friction_beyond(rules, regressor.names, estimate.values, estimate.std, regressor.units)
+    return [said] if settings.physical and said else []
 
 
 def _with_torque_earlier(

@@ -10,7 +10,7 @@ In y = (m, h = m·l_C, I_C, F) every one of these rules is linear once max and m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -191,6 +191,26 @@ def linear_inequalities(rules: FeasibilityRules, links: int, extras: tuple[str, 
                 at_most(link, {entry: -1.0}, -lower)
                 at_most(link, {entry: 1.0}, upper)
     return np.array(rows), np.array(bounds)
+
+
+def friction_beyond(
+    rules: FeasibilityRules, names: Sequence[str], values: FloatArray, std: FloatArray, units: Sequence[str]
+) -> str:
+    """Which friction of a fit, values and std (p,), no set inside (10b) can have, by more than 2 σ; empty for none."""
+    bounds = {f"{symbol}_": pair for symbol, pair in (("FV", rules.viscous), ("FS", rules.coulomb))}
+    beyond = []
+    for name, value, spread, unit in zip(names, values, std, units, strict=True):
+        lower, upper = bounds.get(name[:3], (-np.inf, np.inf))
+        nearest = min(max(value, lower), upper)
+        if abs(value - nearest) > 2.0 * spread:
+            side = "most" if value > upper else "least"
+            beyond.append(f"{name} = {value:.3g} ± {spread:.2g} {unit} (at {side} {nearest:g})")
+    if not beyond:
+        return ""
+    return (
+        f"No set inside the bounds (10b) has the friction that was measured: {', '.join(beyond)}. So the feasible "
+        "values and 'fit, physical' are not this arm's; widen the bounds viscous and coulomb (--bounds)"
+    )
 
 
 def violations(

@@ -16,13 +16,16 @@ from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import SolverError
 from identification.estimators.constrained import solve_constrained
 from identification.estimators.constrained_program import ConstrainedProgram
-from identification.estimators.feasibility import FeasibilityRules, rules_for, violations
+from identification.estimators.feasibility import FeasibilityRules, friction_beyond, rules_for, violations
 from identification.estimators.interior_point import minimise_inside
 from identification.estimators.least_squares import LeastSquaresResult, solve_least_squares
 from identification.estimators.observation import Observation
 from identification.estimators.semidefinite import relax_constrained_program, solve_semidefinite
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import RobotModel, robot_from_arrays
+from identification.recording_fit import FitSettings, fit_recordings
+from identification.recordings import read_recording
+from identification.robots import RobotModel, load_robot, robot_from_arrays
+from tests.reference import recording_file
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -305,3 +308,24 @@ def test_interior_point_method_ends_where_the_derivatives_are_no_numbers() -> No
             np.array([2.0]),
             np.array([1.0]),
         )
+
+
+def test_friction_that_no_set_inside_the_bounds_has_is_said_with_value_and_bound() -> None:
+    names, units = ("MYR_2", "FV_1", "FS_1", "FV_2", "FS_2"), ("kg m", "Nm s/rad", "Nm", "Nm s/rad", "Nm")
+    values, std = np.array([9.0, 0.02, 3.4, 0.09, 2.1]), np.array([0.01, 0.01, 0.01, 0.006, 0.06])
+    said = friction_beyond(FeasibilityRules(), names, values, std, units)
+    assert "FV_1 = 0.02 ± 0.01 Nm s/rad (at least 0.1), FS_1 = 3.4 ± 0.01 Nm (at most 2)." in said
+    assert "_2" not in said
+    wider = FeasibilityRules().with_bounds({"viscous": [0.0, None], "coulomb": [0.0, 5.0]})
+    assert friction_beyond(wider, names, values, std, units) == ""
+
+
+@pytest.mark.parametrize("largest", [5.0, None])
+def test_a_fit_says_that_its_feasible_set_could_not_have_the_friction_of_the_arm(largest: float | None) -> None:
+    whole = read_recording(recording_file("emps_a.npz"))
+    recording = whole.rows(np.arange(whole.samples) < 5000)
+    settings = FitSettings(bounds={"coulomb": [0.0, largest]})
+    result = fit_recordings([recording], load_robot(recording_file("emps.urdf")), settings)
+    said = [note for note in result.notes if "(10b)" in note]
+    assert len(said) == (largest is not None)
+    assert all("FS_1 = 2" in note and " N (at most 5)" in note for note in said)  # 20 N are published
