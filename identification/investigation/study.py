@@ -32,7 +32,7 @@ from identification.investigation.columns import Form, scaled_inverse
 from identification.investigation.day_terms import DayTerm, day_terms
 from identification.investigation.hypotheses import Assessment, describe
 from identification.investigation.separation import agreement
-from identification.mismatch.data_faults.faults import stops_physics
+from identification.mismatch.data_faults.faults import all_upright, stops_physics
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.effects import effect_named
 from identification.mismatch.effects.base import Place
@@ -123,7 +123,9 @@ def study(
     if not terms:
         return found
     speed = bare[0].motion.coulomb_velocity
-    cleared = [_without(item, number, terms, speed) for number, item in enumerate(cleared)]
+    faults = found.diagnosis.data_faults
+    turned = [_without(item, number, terms, speed) for number, item in enumerate(all_upright(cleared, faults))]
+    cleared = all_upright(turned, faults)  # as they were recorded again
     found = _study_of(cleared, count, on_flange, robot, mass_now, settings, progress)
     return replace(found, day_terms=terms)
 
@@ -169,11 +171,7 @@ def _study_of(
     diagnosis = diagnose(recordings, robot, heldout=heldout, settings=settings, progress=progress)
     if stops_physics(diagnosis.data_faults):
         raise RecordingError(diagnosis.data_faults[0].sentence, file=diagnosis.data_faults[0].recording)
-    regressor = BaseRegressor(robot)
-    parts = [(part, mass) for item, mass in zip(cleared, on_flange, strict=True)
-             for part in build_evidence(item, robot, regressor, settings)]  # fmt: skip
-    values = fit_parameters([part for part, _ in parts])
-    evidences = [_loaded(with_parameters(part, regressor, values), mass) for part, mass in parts]
+    regressor, values, evidences = weighed_rows(diagnosis, cleared, on_flange, robot, settings)
     settled = [item for item in diagnosis.findings if _is_settled(item)]
     known = [
         Form.of(item.effect, item.place, item.shape)
@@ -190,6 +188,26 @@ def _study_of(
         (describe(form.effect, form.place), agreement(bare, form, beside, variances)) for form in (*known, *leading)
     )
     return Study(diagnosis, assessment, chooser, questions_of(diagnosis, assessment), agreements)
+
+
+def weighed_rows(
+    diagnosis: Diagnosis,
+    recordings: Sequence[Recording],
+    on_flange: Sequence[AddedMass | None],
+    robot: RobotModel,
+    settings: DiagnosisSettings,
+) -> tuple[BaseRegressor, FloatArray, list[Evidence]]:
+    """The nominal model of a diagnosis, its parameters (p,) on all recordings together, and these beside it.
+
+    With another model than the one that names are judged beside, some would be foretold and never given.
+    """
+    regressor = diagnosis.nominal_model(robot)
+    settings = replace(settings, low_pass_hz=diagnosis.provenance["low_pass_hz"])
+    turned = all_upright(recordings, diagnosis.data_faults)
+    parts = [(part, mass) for item, mass in zip(turned, on_flange, strict=True)
+             for part in build_evidence(item, regressor.robot, regressor, settings)]  # fmt: skip
+    values = fit_parameters([part for part, _ in parts])
+    return regressor, values, [_loaded(with_parameters(part, regressor, values), mass) for part, mass in parts]
 
 
 def what_it_told(

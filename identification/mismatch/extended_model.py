@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.base_parameters import BaseRegressor, RegressorOptions
+from identification.base_parameters import BaseRegressor
 from identification.errors import IdentificationError
 from identification.estimators.feasibility import rules_for
 from identification.fitting.processing import process
@@ -20,7 +20,7 @@ from identification.fitting.result import FitResult
 from identification.fitting.rms import rms_of_rows
 from identification.json_values import json_list
 from identification.mismatch.claims import Claims
-from identification.mismatch.data_faults.faults import upright
+from identification.mismatch.data_faults.faults import all_upright
 from identification.mismatch.findings import Diagnosis, Finding
 from identification.mismatch.heldout import Residuals
 from identification.mismatch.nominal import Nominal, after_findings
@@ -43,7 +43,7 @@ def extended_model(
     recordings, the model holds base parameters only and a note says why.
     """
     extended = diagnosis.extended_model_json()
-    regressor = BaseRegressor(robot, RegressorOptions.from_json(diagnosis.provenance["regressor"]))
+    regressor = diagnosis.nominal_model(robot)
     known = {item["name"]: item["value"] for item in extended["base_parameters"]}
     terms = extended.get("class_terms")
     if terms is not None:
@@ -63,11 +63,9 @@ def extended_model(
         check_torque_sign=False,
     )
     try:
-        remaining = []
-        for recording in diagnosis.as_read(recordings, robot):
-            faults = [fault for fault in diagnosis.data_faults if is_called(recording, fault.recording)]
-            turned, band = upright(recording, faults), settings.low_pass_hz
-            remaining.append(_without_findings(turned, diagnosis.findings, regressor, values, band, terms))
+        turned = all_upright(diagnosis.as_read(recordings, robot), diagnosis.data_faults)
+        band, named = settings.low_pass_hz, diagnosis.findings
+        remaining = [_without_findings(item, named, regressor, values, band, terms) for item in turned]
         fit = fit_recordings(remaining, robot, settings, progress=progress)
         model = fit.to_model_json()
         rms = {**model["rms_nm"], **extended["rms_nm"]}

@@ -15,6 +15,7 @@ import numpy as np
 from identification.arrays import BoolArray, FloatArray
 from identification.audit.difference import Audit, Difference
 from identification.audit.reading import Reading, read_so
+from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.json_values import json_list, number, plain
 from identification.mismatch.baseline import ModelComparison
 from identification.mismatch.effects.base import Parameter, Place
@@ -280,6 +281,10 @@ class Diagnosis:
     def standing(self, robot: RobotModel) -> RobotModel:
         """The robot under the gravity that this was made under."""
         return replace(robot, gravity=np.array(self.gravity)) if self.gravity else robot
+
+    def nominal_model(self, robot: RobotModel) -> BaseRegressor:
+        """The regressor that the findings stand beside, with what the data chose of it: offsets, drives, friction."""
+        return BaseRegressor(self.standing(robot), RegressorOptions.from_json(self.provenance["regressor"]))
 
     @property
     def every_fault(self) -> tuple[DataFault, ...]:

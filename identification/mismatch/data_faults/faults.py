@@ -31,7 +31,7 @@ from identification.mismatch.data_faults.torque_signs import signs_of_stretches
 from identification.mismatch.findings import DataFault
 from identification.mismatch.settings import ROUNDING
 from identification.recordings.clock import SMALLEST_CLOCK_ERROR, WIDEST_RATIO, clock_by_velocity
-from identification.recordings.independence import recording_names
+from identification.recordings.independence import is_called, recording_names
 from identification.recordings.leaps import HIDDEN_GAPS
 from identification.recordings.recording import Finding, Recording
 from identification.recordings.standing import STANDING, standing_values
@@ -84,6 +84,11 @@ def upright(recording: Recording, faults: Sequence[DataFault]) -> Recording:
         return recording
     sign = np.array([-1.0 if joint in inverted else 1.0 for joint in range(recording.n)])
     return replace(recording, torque=recording.torque * sign)
+
+
+def all_upright(recordings: Sequence[Recording], faults: Sequence[DataFault]) -> list[Recording]:
+    """Recordings as the faults of all of them have each turned."""
+    return [upright(item, [fault for fault in faults if is_called(item, fault.recording)]) for item in recordings]
 
 
 def stops_physics(faults: Sequence[DataFault]) -> bool:

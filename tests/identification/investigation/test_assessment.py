@@ -39,12 +39,13 @@ def evidences(
     spring: float,
     friction: float = 0.0,
     offset: float = 0.0,
+    asymmetric: float = 0.0,
     motions: tuple[Trajectory, ...] = (),
 ) -> list[Evidence]:
     """Motions of an arm with a spring on joint 3, or with a smooth error of the model on all joints.
 
-    friction: Nm, of joint 3, as large as the sine of its position. offset: Nm, of joint 6. motions: none is the shipped
-    one.
+    friction: Nm, of joint 3, as large as the sine of its position. offset: Nm, of joint 6. asymmetric: Nm s/rad, of
+    joint 3, whose torque it moves by its speed either way. motions: none is the shipped one.
     """
     random = np.random.default_rng(21)
     arm, smooth = Arm(random_links(random)), draw_background(random)
@@ -56,6 +57,7 @@ def evidences(
         torque[:, 2] += spring * motion.position[:, 2]
         torque[:, 2] += friction * np.sin(motion.position[:, 2]) * np.sign(motion.velocity[:, 2])
         torque[:, 5] += offset
+        torque[:, 2] += asymmetric * np.abs(motion.velocity[:, 2])
         if background:
             torque += smooth.torque(motion)
         noisy = np.tile(torque, (PERIODS, 1)) + NOISE_NM * random.normal(size=(PERIODS * len(torque), 7))
