@@ -63,6 +63,11 @@ class Reading:
         return self != Reading.as_recorded(len(self.torque))
 
     @property
+    def moves_motion(self) -> bool:
+        """Whether a position stands under another joint, or has another sign."""
+        return self.motion != Reading.as_recorded(len(self.motion)).motion
+
+    @property
     def places(self) -> Reading:
         """Without signs of torques alone, which are another question than where columns stand and how joints count."""
         pairs = zip(self.motion, self.torque, strict=True)

@@ -18,7 +18,7 @@ from identification.audit.comparison import LEAST_SIGMAS
 from identification.audit.mount import Mounting, mounting_of
 from identification.audit.otherwise import CHANGING, Otherwise, other_readings
 from identification.audit.places import misplaced_joints
-from identification.audit.reading import in_degrees
+from identification.audit.reading import Reading, in_degrees
 from identification.audit.rows import WIDEST_HZ
 from identification.base_parameters import BaseRegressor, RegressorOptions
 from identification.errors import RecordingError
@@ -111,7 +111,9 @@ def set_up_checks(
     large: whether the misfit is (`may_be_read_otherwise`), as far as it is known.
     """
     stand = mounting_of(recordings, robot)
-    order = _places(recordings, robot, stand, faults)
+    other = stand.gravity if stand is not None and stand.is_other else None
+    misplaced = misplaced_joints(recordings, robot, other)
+    order = _places(misplaced, faults)
     there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
     turned = {fault.recording for fault in faults if fault.fault == "inverted_torque_sign"}
     named = [name in turned for name in recording_names(recordings)]
@@ -123,7 +125,7 @@ def set_up_checks(
         read = [item for item in read if item.kind != "clock"]
     constancy = _constancy(read)
     checks = (
-        UNKNOWN_STAND if order.status == "failed" else _gravity(stand),
+        UNKNOWN_STAND if misplaced is not None and misplaced.moves_motion else _gravity(stand),
         *(_of_faults(name, kinds, well, faults) for name, (kinds, well) in FAULTS.items()),
         _units(recordings, robot, gravity_acts=stand is not None),
         order,
@@ -139,12 +141,8 @@ def set_up_checks(
     )
 
 
-def _places(
-    recordings: Sequence[Recording], robot: RobotModel, stand: Mounting | None, faults: Sequence[DataFault]
-) -> SetUpCheck:
+def _places(misplaced: Reading | None, faults: Sequence[DataFault]) -> SetUpCheck:
     """Whether torques, positions and velocities stand under their own joints, none of which counts the other way."""
-    other = stand.gravity if stand is not None and stand.is_other else None
-    misplaced = misplaced_joints(recordings, robot, other)
     if misplaced is not None:
         return SetUpCheck("order of joints", "failed", misplaced.sentence)
     order = "No torque goes clearly better with the motion of another joint."
