@@ -106,8 +106,7 @@ def fit_recordings(
     if real.constrained is not None:
         sets["physical"] = real.constrained.base_values
     rms = _rms_table(blocks, sets, noise_floor)
-    on_fit = [*together, *_notes_on_bounds(regressor, least_squares, settings), *notes_on_model(regressor, settings)]
-    known = _notes(rms, processed, band, on_fit)
+    known = _notes(rms, processed, band, [*together, *_notes_on_estimate(regressor, least_squares, settings)])
     result = FitResult(
         robot=robot,
         regressor=regressor,
@@ -250,11 +249,13 @@ def _notes_on_standing(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _notes_on_bounds(regressor: BaseRegressor, estimate: LeastSquaresResult, settings: FitSettings) -> list[str]:
-    """That program (10) was not free to keep the measured friction, where it was solved."""
+def _notes_on_estimate(regressor: BaseRegressor, estimate: LeastSquaresResult, settings: FitSettings) -> list[str]:
+    """What the data chose of the model, and that program (10), where it was solved, was not free to keep the measured
+    friction.
+    """
     rules = rules_for(regressor.robot).with_bounds(settings.bounds)
     said = friction_beyond(rules, regressor.names, estimate.values, estimate.std, regressor.units)
-    return [said] if settings.physical and said else []
+    return [*([said] if settings.physical and said else []), *notes_on_model(regressor, settings)]
 
 
 def _with_torque_earlier(

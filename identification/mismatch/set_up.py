@@ -114,7 +114,7 @@ def set_up_checks(
     other = stand.gravity if stand is not None and stand.is_other else None
     misplaced = misplaced_joints(recordings, robot, other)
     order = _places(misplaced, faults)
-    there = replace(robot, gravity=stand.gravity) if stand is not None and stand.is_other else robot
+    there = robot if other is None else replace(robot, gravity=other)
     turned = {fault.recording for fault in faults if fault.fault == "inverted_torque_sign"}
     named = [name in turned for name in recording_names(recordings)]
     asked = [] if order.status == "failed" else other_readings(recordings, there, named, large=large)
