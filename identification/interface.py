@@ -13,11 +13,12 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from identification.audit.between import model_of_fit
 from identification.audit.mount import notes_on_another_set_up, require_stated_stand
-from identification.errors import DesignError, RecordingError
+from identification.errors import DesignError, ModelFileError, RecordingError
 from identification.excitation.design import DesignResult
 from identification.excitation.design import design_excitation as search_excitation
 from identification.excitation.limits import limits_of_robot
@@ -38,6 +39,7 @@ from identification.recording_fit import fit_recordings
 from identification.recordings.independence import seen_among
 from identification.recordings.reader import Inputs, inputs_of, read_recording
 from identification.recordings.recording import Recording
+from identification.recordings.units import check_units
 from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
@@ -221,6 +223,8 @@ def validate(model: Fit | Model | str | Path, *recordings: Source) -> Validation
     """
     if isinstance(model, (str, Path)):
         model = read_model(model)
+    if not isinstance(model, (Fit, Model)):
+        raise ModelFileError("The model comes first, a fit or the path of its file: validate(model, recording)")
     if isinstance(model, Fit):
         read = _read(recordings, None, model.result.robot).recordings
         result, same = validate_model(model.result, read), seen_among(model.result.recordings, read)
@@ -247,10 +251,12 @@ def diagnose(
     if isinstance(model, Fit):
         model = model_of_fit(model.result, "the fit")
     given = Path(model) if isinstance(model, str) else model
+    if not isinstance(given, (Model, Path, type(None))):
+        raise ModelFileError(f"The model is a fit or the path of its file, no {type(model).__name__}")
     if isinstance(given, Path) and given.suffix == ".json":
         given = read_model(given)
     of_model = given.load_robot() if isinstance(given, Model) and robot is None else None
-    others = (heldout,) if isinstance(heldout, (Recording, str, Path)) else heldout
+    others = tuple(heldout) if isinstance(heldout, Sequence) and not isinstance(heldout, str) else (heldout,)
     inputs = _read((*recordings, *others), robot, of_model)
     if given is None:
         require_stated_stand(inputs.recordings, inputs.robot)
@@ -290,4 +296,18 @@ def _read(sources: Sequence[Source], robot: str | Path | None, of_model: RobotMo
         item if isinstance(item, Recording) else read_recording(item, robot=robot, model_robot=of_model)
         for item in sources
     ]
-    return inputs_of(read, robot=robot, model_robot=of_model)
+    inputs = inputs_of(read, robot=robot, model_robot=of_model)
+    return Inputs(tuple(_judged(item, inputs.robot) for item in inputs.recordings), inputs.robot)
+
+
+def _judged(recording: Recording, robot: RobotModel) -> Recording:
+    """As where a file is read: who makes a recording by hand, or takes rows of one, may have degrees."""
+    path, step = recording.source.path, recording.sampling_period_s
+    if recording.samples < 2:
+        raise RecordingError.named(path, "holds no motion: it has no rows, or one")
+    rows = float(np.median(np.diff(recording.time)))
+    if not 0.5 < step / rows < 2.0:
+        raise RecordingError.named(
+            path, f"sampling_period_s is {step:.4g} s, and its rows are {rows:.4g} s apart", field="sampling_period_s"
+        )
+    return check_units(recording, robot)

@@ -170,7 +170,7 @@ class _Misread:
         apart: whether the recordings do not go together; then each is asked alone, too.
         """
         robot = regressor.robot
-        unstated = [item for item in recordings if "tau" not in item.source.metadata.get("units_stated", "").split()]
+        unstated = [item for item in recordings if "tau" not in item.units_stated]
         largest = [float(np.abs(item.torque).max()) for item in unstated]
         gravity_acts = bool(np.isfinite(sign.gravity_correlation))
         wrong_unit = wrong_torque_unit(max(largest), robot, gravity_acts=gravity_acts) if largest else ""

@@ -111,7 +111,7 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         if self.split is not None:
-            Split.parse(self.split)
+            Split.parse(str(self.split))
         FeasibilityRules().with_bounds(self.bounds)
         for name, allowed in (
             ("pipeline", ("auto", "periodic", "paper", "aperiodic")),

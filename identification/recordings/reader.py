@@ -19,7 +19,7 @@ from identification.recordings.joint_choice import for_robot, select_joints
 from identification.recordings.leaps import refuse_leaps, with_whole_turns
 from identification.recordings.log_reader import read_bag_folder, read_log
 from identification.recordings.npz_reader import read_npz
-from identification.recordings.recording import PERIOD_STATED, Finding, Recording
+from identification.recordings.recording import PERIOD_STATED, UNITS_STATED, Finding, Recording
 from identification.recordings.table import RawTable
 from identification.recordings.units import check_units, in_si
 from identification.robots import Installation, RobotModel, load_robot
@@ -115,25 +115,23 @@ def read_recording(
             raise RecordingError.named(path, f"is an import, {other} where {original} is imported", field=field)
         arm, notes = _arm(found, robot, installation, model_robot)
         recording = found if arm is None else with_whole_turns(for_robot(found, arm, joints), arm)
-        stated = dict.fromkeys(found.source.metadata.get("units_stated", "").split(), "")
     else:
         tables = [replace(each, units={**each.units, **(units or {})}) for each in found]
         if period_s is not None:
             tables = [_with_period(each, period_s) for each in tables]
         table, arm, notes = _chosen(tables, robot, installation, joints, model_robot, topic)
         table = in_si(table, arm)
-        stated = table.units
         recording = build_recording(table, sha256=digest.result())
         recording = recording if arm is None else with_whole_turns(recording, arm)
         recording = recording if arm is None or not arm.mimics else for_robot(recording, arm)
-        if stated:
-            metadata = {**recording.source.metadata, "units_stated": " ".join(stated)}
+        if table.units:
+            metadata = {**recording.source.metadata, UNITS_STATED: " ".join(table.units)}
             recording = replace(recording, source=replace(recording.source, metadata=metadata))
     if arm is not None:
         recording = replace(recording, robot=arm.spec, installation=arm.installation)
     elif installation is not None:
         recording = replace(recording, installation=installation)
-    checked = check_units(recording, arm, stated)
+    checked = check_units(recording, arm)
     if arm is not None:
         refuse_leaps(checked, arm)
         refuse_staircase(path, checked.position, checked.sampling_period_s)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from identification.arrays import BoolArray, FloatArray, IntArray
+from identification.errors import RecordingError
 from identification.printing import Printed, Table
 from identification.robots.installation import ON_THE_FLOOR, Installation
 
@@ -19,13 +20,18 @@ OF_JOINTS = (
     "position", "torque", "velocity", "command_position", "link_position", "external_torque", "temperature",
 )  # fmt: skip
 """A recording's arrays with a column for each joint."""
-OF_ROWS = ("time", *OF_JOINTS, "period_index", "sample_in_period")
+OF_LABELS = ("period_index", "sample_in_period")
+OF_ROWS = ("time", *OF_JOINTS, *OF_LABELS)
 
 CLOCK_START = "clock_start_s"
 """In a source's metadata: its own time stamp of the first row, where `Recording.time` counts from zero."""
 
 PERIOD_STATED = "period_stated"
 """In a source's metadata: that its period was stated by who reads it, and not by the run."""
+
+
+UNITS_STATED = "units_stated"
+"""In a source's metadata: `Recording.units_stated`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +131,8 @@ class Recording(Printed):
     periodic. torque_unit: "Nm", or "A" when the file holds motor currents. sampling_period_s: median distance of the
     time stamps. robot: name or path of the robot as the file or the caller gave it, None when neither did. report: what
     the import found and did. installation: how the robot stood and which of its joints were held.
+
+    Raises RecordingError for other shapes, for what are no finite numbers, and for a time that does not advance.
     """
 
     time: FloatArray
@@ -146,6 +154,32 @@ class Recording(Printed):
     sample_in_period: IntArray | None = None
     period_s: float | None = None
     samples_per_period: int | None = None
+
+    def __post_init__(self) -> None:
+        rows = np.shape(self.position)[:1]
+        joints = np.shape(self.position)[1:]
+        for name, values in self.arrays(OF_ROWS).items():
+            wanted = (*rows, *joints) if name in OF_JOINTS else rows
+            if not isinstance(values, np.ndarray) or values.dtype.kind != ("i" if name in OF_LABELS else "f"):
+                numbers = "whole numbers" if name in OF_LABELS else "floating-point numbers"
+                raise self._refusal(f"{name} is no array of {numbers}", name)
+            if values.shape != wanted or len(joints) != 1:
+                shown = "(rows, joints)" if len(joints) != 1 else f"{wanted}, as position tells"
+                raise self._refusal(f"{name} has the shape {values.shape} and not {shown}", name)
+        for name in ("position", "torque"):
+            unknown = np.argwhere(~np.isfinite(getattr(self, name)))
+            if unknown.size:
+                row, joint = unknown[0] + 1
+                what = f"the {name} of joint {joint} is no finite number in row {row}; leave such rows out"
+                raise self._refusal(what, name, int(joint))
+        still = np.flatnonzero(~(np.diff(self.time) > 0.0))
+        if still.size or not np.isfinite(self.time).all():
+            raise self._refusal(f"time does not advance after row {still[0] + 1 if still.size else 1}", "time")
+        if self.samples > 1 and not 0.0 < self.sampling_period_s < np.inf:
+            raise self._refusal(f"sampling_period_s is {self.sampling_period_s}, and no time in s", "sampling_period_s")
+
+    def _refusal(self, what: str, field: str, joint: int | None = None) -> RecordingError:
+        return RecordingError.named(self.source.path, what, field=field, joint=joint)
 
     @property
     def samples(self) -> int:
@@ -171,6 +205,11 @@ class Recording(Printed):
     def labelled_by_run(self) -> bool:
         """Whether the run itself wrote the labels of its periods; else they are by time stamps."""
         return self.source.kind == "log" and PERIOD_STATED not in self.source.metadata
+
+    @property
+    def units_stated(self) -> tuple[str, ...]:
+        """Quantities whose unit was named by the file or by who read it: t, q, dq, tau."""
+        return tuple(self.source.metadata.get(UNITS_STATED, "").split())
 
     @property
     def complete_periods(self) -> int:

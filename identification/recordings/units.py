@@ -8,6 +8,7 @@ What no plausibility can tell (a small motion in degrees) shows in the fit.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -107,11 +108,12 @@ def _factors(quantity: str, units: dict[str, str], revolute: BoolArray) -> Float
     return factors
 
 
-def check_units(recording: Recording, robot: RobotModel | None, stated: dict[str, str]) -> Recording:
-    """The recording with findings on what is unlikely. stated: quantities whose unit was named, which are believed.
+def check_units(recording: Recording, robot: RobotModel | None) -> Recording:
+    """The recording with findings on what is unlikely. Units that were stated are believed.
 
     Raises RecordingError naming every quantity that cannot be in SI, with the unit it looks like.
     """
+    stated = recording.units_stated
     revolute = np.ones(recording.n, dtype=np.bool_) if robot is None else robot.kinematics.revolute
     suspicions: list[tuple[str, str, str]] = []
     angle = 1.0
@@ -269,7 +271,7 @@ def _velocity_ratios(recording: Recording) -> FloatArray:
     return ratios
 
 
-def _by_ratio(ratio: float, stated: dict[str, str]) -> list[tuple[str, str, str]]:
+def _by_ratio(ratio: float, stated: Sequence[str]) -> list[tuple[str, str, str]]:
     """What units would make the recorded velocity the derivative of the position."""
     explanations: list[tuple[float, tuple[tuple[str, str], ...]]] = [
         (1.0 / _DEGREE, (("dq", "deg/s"),)),

@@ -19,7 +19,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import identification as ident
 from identification import interface
-from identification.errors import DesignError, RecordingError, RecordingNotFoundError
+from identification.errors import (
+    DesignError,
+    EstimationError,
+    ModelFileError,
+    RecordingError,
+    RecordingNotFoundError,
+)
+from identification.recordings import Recording
 from identification.robots import Installation
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -218,3 +225,51 @@ def test_blas_has_one_thread_while_a_function_runs_and_as_before_afterwards(
             ident.fit("any.npz")
         assert threads() == before == {2}
     assert seen == [{1}]
+
+
+@pytest.fixture(scope="module")
+def emps() -> Recording:
+    folder = REPOSITORY / "fixtures" / "recordings"
+    return ident.read_recording(folder / "emps_a.npz", robot=folder / "emps.urdf")
+
+
+@pytest.mark.parametrize(
+    ("field", "changed", "said"),
+    [
+        ("position", lambda x: np.where(np.arange(len(x)) == 6, np.nan, x.T).T, "position of joint 1 is no finite"),
+        ("torque", lambda x: np.where(np.arange(len(x)) == 6, np.inf, x.T).T, "torque of joint 1 is no finite"),
+        ("torque", lambda x: x[:-3], "torque has the shape (24838, 1) and not (24841, 1)"),
+        ("torque", lambda x: x[:, 0], "torque has the shape (24841,)"),
+        ("torque", lambda x: x.tolist(), "torque is no array"),
+        ("torque", lambda x: x.astype(int), "floating-point"),
+        ("time", lambda x: x[::-1].copy(), "time does not advance after row 1"),
+        ("time", lambda x: np.where(x == x[6], np.nan, x), "time does not advance after row 6"),
+        ("time", lambda x: x[:, None], "time has the shape"),
+        ("temperature", lambda _: np.zeros((3, 1)), "temperature has the shape"),
+        ("sampling_period_s", lambda _: 0.0, "sampling_period_s is 0"),
+    ],
+)
+def test_a_recording_made_by_hand_checks_itself(emps: Recording, field: str, changed: Any, said: str) -> None:
+    with pytest.raises(RecordingError, match=re.escape(said)):
+        replace(emps, **{field: changed(getattr(emps, field))})
+
+
+def test_a_recording_made_by_hand_is_asked_for_its_units_as_a_file_is(emps: Recording) -> None:
+    late: dict[str, Any] = {"time": 1000.0 * emps.time, "sampling_period_s": 1000.0 * emps.sampling_period_s}
+    with pytest.raises(RecordingError, match="t looks like milliseconds"):
+        ident.fit(replace(emps, **late))
+    with pytest.raises(RecordingError, match=r"sampling_period_s is 0\.001 s, and its rows are 1 s apart"):
+        ident.fit(replace(emps, time=late["time"]))
+    with pytest.raises(RecordingError, match="holds no motion"):
+        ident.fit(emps.rows(emps.time < 0.0))
+
+
+def test_what_is_no_model_or_no_recording_is_refused_in_words(emps: Recording) -> None:
+    with pytest.raises(ModelFileError, match="The model comes first"):
+        ident.validate(emps, emps)  # type: ignore[arg-type]
+    with pytest.raises(ModelFileError, match="no int"):
+        ident.diagnose(emps, model=5)  # type: ignore[arg-type]
+    with pytest.raises(RecordingError):
+        ident.diagnose(emps, heldout=5)  # type: ignore[arg-type]
+    with pytest.raises(EstimationError, match=r"'0.6' is no split"):
+        ident.fit(emps, split=0.6)
