@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recording_fit import FitResult, FitSettings, fit_recordings
 from identification.recordings import Finding, ImportReport, RecordingSource
 from identification.report import build_document, write_report
-from identification.report.document import Paragraph
+from identification.report.document import Document, Paragraph, Section, Table
 from identification.report.fit_verdict import fit_verdict
+from identification.report.page import render
 from identification.report.recording_section import recording_section
 from identification.robots import Installation, RobotModel
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
@@ -231,3 +233,17 @@ def test_an_empty_report_says_so() -> None:
     document = build_document()
     assert document.verdict == "This report holds no fitted model."
     assert document.sections == ()
+
+
+def test_a_link_leads_to_the_file_whatever_its_name() -> None:
+    """Truth: RFC 3986. What stands for itself in a name is a place in a page, a query or a scheme in an address."""
+    name = "javascript:a#1?b 100%\nü/report.html"
+    table = Table("recordings", ("recording",), (("one",),), links=(name,))
+    sections = (Section("recordings", "Recordings", (table,)),)
+    page = Page(render(Document("t", "v", sections, links=((name, "other page"),))))
+    addresses = [link["href"] for link in page.of("a") if link["href"] != "#recordings"]
+    assert len(addresses) == 2
+    for address in addresses:
+        parts = urlsplit(address)
+        assert (parts.scheme, parts.query, parts.fragment) == ("", "", "")
+        assert unquote(parts.path) == name
