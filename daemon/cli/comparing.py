@@ -113,12 +113,22 @@ def _changes(
     from identification.fitting.result import warnings_of
     from identification.model_file import no_check, read_model
     from identification.recordings.independence import refuse_repeated
+    from identification.report.series_order import notes_on_order, notes_on_the_first
+    from identification.report.trend_page import trend_order
 
     known = read_model(first) if first.suffix == ".json" else None
     inputs = arm.load(
         others if known is not None else [first, *others], model_robot=None if known is None else known.load_robot()
     )
     refuse_repeated(inputs.recordings)
+    is_series = len(inputs.recordings) >= LEAST
+    for option, given in (("--out is the page of", out), ("--hours belongs to", hours)):
+        if given is not None and not is_series:
+            raise typer.BadParameter(f"{option} a series: give {LEAST} recordings or more.")
+    of_series = notes_on_order(inputs.recordings) if is_series else ()
+    notes = (*(notes_on_the_first(inputs.recordings) if known is None else ()), *of_series)
+    for note in notes:
+        message(f"note: {note}")
     for name in () if known is None else known.fitted_among(inputs.recordings):
         message(no_check(name))
     if known is None:
@@ -130,11 +140,6 @@ def _changes(
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     # Every run's recording has the same file name: it is called as the user called it.
     changes = [changes_between(model, recording, inputs.robot, str(first)) for recording in recordings]
-    is_series = len(inputs.recordings) >= LEAST
-    if out is not None and not is_series:
-        raise typer.BadParameter(f"--out is the page of a series: give {LEAST} recordings or more.")
-    if hours is not None and not is_series:
-        raise typer.BadParameter(f"--hours belongs to a series: give {LEAST} recordings or more.")
     series = list(inputs.recordings[:1]) if known is None else []
     for change, recording in zip(changes, recordings, strict=True):
         series += read_so(change.audit.reading, [recording], inputs.robot)
@@ -143,15 +148,15 @@ def _changes(
     trend = trend_of(series, inputs.robot) if is_series else None
     page = None
     if trend is not None and out is not None:
-        page = _write_page(trend, inputs.robot.name, out)
-    result = {"format": "iiwa-ident/comparison/1", "with": str(first), "changes": [
+        page = _write_page(trend, inputs.robot.name, out, of_series)
+    result = {"format": "iiwa-ident/comparison/1", "with": str(first), "notes": list(notes), "changes": [
         {"recording": str(file), **change.to_json()} for file, change in zip(others, changes, strict=True)
     ], **({} if trend is None else {"trend": trend.to_json()})}  # fmt: skip
     if told_in_words(result, json_file):
         for file, change in zip(others, changes, strict=True):
             show_change(f"{first} → {file}", change)
         if trend is not None:
-            data("The series:")
+            data(f"The series, {trend_order(trend)}:")
             data_lines(f"  {sentence}" for sentence in trend.sentences)
         if page is not None:
             data(f"Written to {page}")
@@ -167,12 +172,12 @@ def _numbers(text: str | None) -> list[float] | None:
     return numbers
 
 
-def _write_page(trend: Trend, robot: str, out: Path) -> Path:
+def _write_page(trend: Trend, robot: str, out: Path, notes: Sequence[str]) -> Path:
     from identification.report.trend_page import write_trend
 
     make_folder(out)
     page = out / "trend.html"
-    write_trend(page, trend, robot)
+    write_trend(page, trend, robot, notes)
     return page
 
 

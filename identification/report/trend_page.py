@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +18,27 @@ _LEAST_SPAN = 2.0
 """Of a unit of time, that a series lasts to be drawn in it."""
 
 
-def trend_document(trend: Trend, robot: str) -> Document:
-    """The trend as value objects: what changed in words, friction by date, hours, temperature, and as a table."""
-    if trend.dates is None:
-        order = "as given" if trend.hours is None else "by hours of operation"
+def trend_order(trend: Trend) -> str:
+    """By what the recordings of a series are ordered: dates that are all one order nothing."""
+    if trend.dates is not None and trend.dates[0] < trend.dates[-1]:
+        return "by date"
+    return "as given" if trend.hours is None or trend.dates is not None else "by hours of operation"
+
+
+def trend_document(trend: Trend, robot: str, notes: Sequence[str] = ()) -> Document:
+    """The trend as value objects: what changed in words, friction by date, hours, temperature, and as a table.
+
+    notes: on the order of the recordings, before all else.
+    """
+    order = trend_order(trend)
+    if trend.dates is None or order != "by date":
         place, label = np.arange(1.0, len(trend.names) + 1.0), f"recording, {order}"
     else:
         place = np.array([(date - trend.dates[0]).total_seconds() for date in trend.dates])
         unit, length = next((each for each in _UNITS if place[-1] >= _LEAST_SPAN * each[1]), _UNITS[-1])
         place, label = place / length, f"{unit} since {trend.dates[0]:%Y-%m-%d %H:%M}"
     keys: tuple[tuple[Style, str], ...] = (("measured", "friction of one recording ± one deviation"),)
-    blocks: list[Block] = [Paragraph(sentence) for sentence in trend.sentences]
+    blocks: list[Block] = [Paragraph(sentence) for sentence in (*notes, *trend.sentences)]
     by_date = tuple(_panel(item, place, label) for item in trend.joints)
     blocks.append(Figure("Friction of each recording", by_date, keys))
     if trend.hours is not None:
@@ -37,9 +48,14 @@ def trend_document(trend: Trend, robot: str) -> Document:
     if warm:
         panels = tuple(_panel(item, item.temperature, "temperature (°C)") for item in warm)
         blocks.append(Figure("Friction by temperature", panels, keys))
-    head = ("recording", *(f"joint {item.joint}" for item in trend.joints))
+    dated = trend.dates or ()
+    head = ("recording", *(("date (UTC)",) if dated else ()), *(f"joint {item.joint}" for item in trend.joints))
     rows = tuple(
-        (name, *(" ± ".join(with_sigma(item.friction[row], item.std[row])) for item in trend.joints))
+        (
+            name,
+            *(f"{date:%Y-%m-%d %H:%M}" for date in dated[row : row + 1]),
+            *(" ± ".join(with_sigma(item.friction[row], item.std[row])) for item in trend.joints),
+        )
         for row, name in enumerate(trend.names)
     )
     blocks.append(Table("Friction at each joint's usual speed ± one deviation of the fit, Nm", head, rows))
@@ -71,6 +87,6 @@ def _panel(item: JointTrend, place: np.ndarray, label: str) -> Panel:
     )
 
 
-def write_trend(path: Path, trend: Trend, robot: str) -> None:
+def write_trend(path: Path, trend: Trend, robot: str, notes: Sequence[str] = ()) -> None:
     """One self-contained HTML file. Raises OSError where it cannot be written."""
-    path.write_text(render(trend_document(trend, robot)), encoding="utf-8")
+    path.write_text(render(trend_document(trend, robot, notes)), encoding="utf-8")

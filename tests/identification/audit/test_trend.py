@@ -25,8 +25,9 @@ from identification.audit.trend import (
 from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
-from identification.report.document import Figure, Table
-from identification.report.trend_page import trend_document
+from identification.report.document import Figure, Paragraph, Table
+from identification.report.series_order import notes_on_order, notes_on_the_first
+from identification.report.trend_page import trend_document, trend_order
 from identification.robots import RobotModel
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
 
@@ -248,3 +249,39 @@ def test_a_sliding_joint_rubs_in_newtons_at_metres_a_second() -> None:
     (table,) = (block for block in section.blocks if isinstance(block, Table))
     assert [panel.y_label for panel in figure.panels] == ["friction at 0.059 rad/s (Nm)", "friction at 0.059 m/s (N)"]
     assert table.caption.endswith("Nm (N of prismatic joints)")
+
+
+def _dated(series: list[Recording], dates: list[str]) -> list[Recording]:
+    """The first recordings of the series under other dates, as paths r1.npz, r2.npz, …"""
+    return [
+        replace(run, source=replace(run.source, path=f"r{place}.npz", metadata={"date": date}))
+        for place, (run, date) in enumerate(zip(series, dates, strict=False), 1)
+    ]
+
+
+def test_what_dates_do_not_tell_of_the_order_is_said(series: list[Recording]) -> None:
+    may = [f"2026-05-0{day}T10:00:00Z" for day in (4, 3, 2, 1)]
+    assert notes_on_order(_dated(series, may)) == ()
+    (older,) = notes_on_the_first(_dated(series, may))
+    assert older == "r2.npz, r3.npz, r4.npz: made before r1.npz. What is called 'before' is the later one."
+    assert notes_on_the_first(_dated(series, may[::-1])) == ()
+    (undated,) = notes_on_order(_dated(series, [*may[:2], "", may[3]]))
+    assert undated.startswith("r3.npz: no date, so the series stands as it was given; the dates of the others are in")
+    (sorted_but,) = notes_on_order(_dated(series, [*may[:1:-1], "", may[0]]))
+    assert sorted_but == "r3.npz: no date, so the series stands as it was given."
+    (alike,) = notes_on_order(_dated(series, [may[0], may[1], may[0], may[2]]))
+    assert alike == "r1.npz, r3.npz: not alone with their date. Those of one date stand as given."
+    assert notes_on_order(_dated(series, ["", "", "", ""])) == ()
+
+
+def test_a_series_of_one_date_is_drawn_in_its_order_and_says_so(trend: Trend) -> None:
+    assert trend.dates is not None
+    same = replace(trend, dates=(trend.dates[0],) * len(trend.names))
+    assert (trend_order(trend), trend_order(same)) == ("by date", "as given")
+    document = trend_document(same, "iiwa14", ["r3.npz: no date."])
+    blocks = document.sections[0].blocks
+    assert blocks[0] == Paragraph("r3.npz: no date.")
+    (panel, *_), *_ = (block.panels for block in blocks if isinstance(block, Figure))
+    assert (panel.x_label, panel.lines[0].x.tolist()) == ("recording, as given", [1.0, 2.0, 3.0, 4.0, 5.0])
+    (table,) = (block for block in trend_document(trend, "iiwa14").sections[0].blocks if isinstance(block, Table))
+    assert (table.head[1], table.rows[1][1]) == ("date (UTC)", "2026-06-02 08:00")
