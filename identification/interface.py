@@ -44,6 +44,7 @@ from identification.report.diagnosis_sections import verdict_sentence
 from identification.robots import RobotModel, load_robot
 from identification.robots.installation import ON_THE_FLOOR
 from identification.validation import validate_model
+from identification.whole_file import write_whole
 
 __all__ = [
     "Answer",
@@ -182,9 +183,7 @@ class Excitation(Printed):
     def save(self, path: str | Path) -> Path:
         """Write the trajectory, for `iiwa-ident check` and `run`. Raises OSError."""
         path = Path(path)
-        path.write_text(
-            json.dumps(self.result.trajectory.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        write_whole(path, json.dumps(self.result.trajectory.to_json(), indent=1, allow_nan=False) + "\n")
         return path
 
 

@@ -23,7 +23,7 @@ from identification.recordings.recording import Recording
 from identification.recordings.rounded import Rows
 from identification.robots import BUILT_IN_ROBOTS, Installation, RobotModel, load_robot
 from identification.robots.same_arm import difference_of_frames
-from identification.whole_file import written_whole
+from identification.whole_file import write_whole
 
 MODEL_FORMAT = "iiwa-ident/model/1"
 SPEED = "speed_rms"
@@ -202,8 +202,7 @@ def write_model(data: dict[str, Any], path: str | Path) -> Path:
         text = json.dumps(data, indent=1, allow_nan=False)
     except ValueError as error:
         raise ModelFileError.named(path, f"the model holds a number that is not finite ({error})") from error
-    with written_whole(path) as file:
-        file.write_text(text + "\n", encoding="utf-8")
+    write_whole(path, text + "\n")
     return path
 
 

@@ -1,4 +1,4 @@
-"""A file that is there as a whole or not at all: the model and the log that a command writes."""
+"""A file that is there as a whole or not at all: models, logs, pages and tables that a command writes."""
 
 from __future__ import annotations
 
@@ -28,3 +28,9 @@ def written_whole(path: Path) -> Iterator[Path]:
     finally:
         if not special:
             partial.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text so. Raises OSError, which names `path`."""
+    with written_whole(path) as file:
+        file.write_text(text, encoding="utf-8")

@@ -197,8 +197,10 @@ def write_json(destination: Path, result: Any) -> None:
         # Numbers and names have to come back as they were: JSON has its own escapes for what a stream cannot show.
         _write(sys.stdout, (text if _holds(sys.stdout, text) else json.dumps(result, indent=1, allow_nan=False)) + "\n")
     else:
+        from identification.whole_file import write_whole
+
         try:
-            in_its_folder(destination).write_text(text + "\n", encoding="utf-8")
+            write_whole(in_its_folder(destination), text + "\n")
         except OSError as error:
             raise LogIOError(str(destination), error) from error
 

@@ -167,10 +167,11 @@ def _write_pages(source: Source, proven: list[ProvenCase], out: Path, result: di
     """The proof's own page beside those of the cases, and its JSON."""
     from daemon.proof.page import proof_page
     from identification.report.page import render
+    from identification.whole_file import write_whole
 
     names = {case.index: page_name(case.index) for case in proven}
     pages = {index: name for index, name in names.items() if (out / name).is_file()}
-    (out / "index.html").write_text(render(proof_page(source, proven, pages)), encoding="utf-8")
+    write_whole(out / "index.html", render(proof_page(source, proven, pages)))
     write_json(out / "proof.json", result)
 
 

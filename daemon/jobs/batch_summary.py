@@ -14,6 +14,7 @@ from identification.report.document import Document, Section, Table
 from identification.report.numbers import joint_heads, row_of
 from identification.report.page import render
 from identification.robots.joint_units import in_units
+from identification.whole_file import write_whole, written_whole
 
 
 def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Path, Path]:
@@ -21,8 +22,8 @@ def write_summary(task: Task, items: Sequence[BatchItem], out: Path) -> tuple[Pa
     make_folder(out)
     page, table = out / "index.html", out / "summary.csv"
     joints = max((len(item.rms_nm) for item in items), default=0)
-    page.write_text(render(_document(task, items, out, joints)), encoding="utf-8")
-    with table.open("w", encoding="utf-8", newline="") as stream:
+    write_whole(page, render(_document(task, items, out, joints)))
+    with written_whole(table) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         numbers = [f"{name}_{joint + 1}" for name in ("rms", "noise") for joint in range(joints)]
         writer.writerow(["recording", "file", "exit_code", "result", *numbers, "torque_units", "page"])

@@ -24,6 +24,7 @@ from identification.export.sdf import sdf_inertial
 from identification.export.urdf import urdf_inertial
 from identification.export.xml_text import INERTIA_SYMBOLS, add, number, numbers, roll_pitch_yaw, sdf_pose
 from identification.physical_parameters import pseudo_inertia, symmetric
+from identification.whole_file import write_whole
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,4 +223,4 @@ def write_mjcf_changes(source: Path, target: Path, changes: Changes) -> None:
         if files:
             setattr(spec.compiler, kind, _from(target, source, getattr(spec.compiler, kind)))
     spec.modelfiledir = str(target.resolve().parent)
-    target.write_text(spec.to_xml(), encoding="utf-8")
+    write_whole(target, spec.to_xml())

@@ -30,6 +30,7 @@ from identification.model_file import Model
 from identification.robots import RobotModel
 from identification.robots.installation import STANDARD_GRAVITY
 from identification.robots.model import refuse_followers
+from identification.whole_file import write_whole
 
 FORMATS = ("urdf", "sdf", "mjcf")
 
@@ -133,7 +134,7 @@ def export_model(
         root = write_mjcf(arm_of(skeleton, robot), skeleton, robot, parameters)
     source = f"{robot.name}, identified; from {Path(model.path).name or 'a model'}, {parameter_set} parameters."
     origins = () if parameters.origins is None else parameters.origins.sentences()
-    path.write_text(document(root, (source, *notes, *origins)), encoding="utf-8")
+    write_whole(path, document(root, (source, *notes, *origins)))
     beside = None
     terms = model.data.get("class_terms")
     if effects.left_out or terms or model.options.turns_gently:
@@ -149,7 +150,7 @@ def export_model(
             content["friction_transition"] = {"velocity": width, "unit": unit, "law": "F_s tanh(q̇/velocity)"}
         if terms:
             content["class_terms"] = terms
-        beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_whole(beside, json.dumps(content, indent=1, allow_nan=False) + "\n")
     agreements, complaints = check_export(path, form, robot, parameters)
     return ExportResult(path, agreements, (*notes, *complaints), beside, parameters.origins)
 

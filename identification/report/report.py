@@ -26,6 +26,7 @@ from identification.report.stretches import Stretch, stretches_of_diagnosis, str
 from identification.report.units import in_units_of_joints
 from identification.robots import RobotModel
 from identification.robots.installation import ON_THE_FLOOR
+from identification.whole_file import write_whole
 
 _Results = ParamSpec("_Results")
 
@@ -91,7 +92,7 @@ def _written(build: Callable[_Results, Document]) -> Callable[Concatenate[Path, 
 
         Raises OSError where the file cannot be written.
         """
-        path.write_text(render(build(*results, **named)), encoding="utf-8")
+        write_whole(path, render(build(*results, **named)))
 
     return write_report
 

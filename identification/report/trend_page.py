@@ -12,6 +12,7 @@ from identification.report.document import Block, Document, Figure, Line, Panel,
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
 from identification.report.units import in_units_of_joints
+from identification.whole_file import write_whole
 
 _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 _LEAST_SPAN = 2.0
@@ -89,4 +90,4 @@ def _panel(item: JointTrend, place: np.ndarray, label: str) -> Panel:
 
 def write_trend(path: Path, trend: Trend, robot: str, notes: Sequence[str] = ()) -> None:
     """One self-contained HTML file. Raises OSError where it cannot be written."""
-    path.write_text(render(trend_document(trend, robot, notes)), encoding="utf-8")
+    write_whole(path, render(trend_document(trend, robot, notes)))

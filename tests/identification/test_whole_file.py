@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from daemon.cli.output import write_json
+from daemon.errors import LogIOError
+from daemon.jobs.batch_summary import write_summary
 from identification.model_file import write_model
 
 MODEL = {"format": "iiwa-ident/model/1"}
@@ -47,3 +50,26 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
     assert link.is_symlink()
     assert json.loads(kept.read_text()) == MODEL
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept.json", "latest.json"]
+
+
+def test_a_page_that_does_not_fit_on_the_disk_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk takes the first bytes and refuses the rest."""
+    page, table = tmp_path / "index.html", tmp_path / "summary.csv"
+    write_summary("fit", [], tmp_path)
+    before = page.read_bytes(), table.read_bytes()
+    write_text = Path.write_text
+
+    def full(file: Path, text: str, **options: str) -> int:
+        write_text(file, text[:10], **options)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_summary("fit", [], tmp_path)
+    assert caught.value.filename == str(page)
+    assert (page.read_bytes(), table.read_bytes()) == before
+    with pytest.raises(LogIOError, match=r"result\.json: No space left"):
+        write_json(tmp_path / "result.json", {})
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["index.html", "summary.csv"]
