@@ -313,18 +313,42 @@ def _left_out(
     says.
     """
     notes = [Finding.of_all("joints_chosen", rows, choice.sentence)] if choice.sentence else []
-    for joint, held in robot.locked_joints if robot is not None else ():
-        own = position[:, recorded.index(joint)] if recorded is not None and joint in recorded else position[:0, 0]
-        own = own[np.isfinite(own)]
+    for called, joint, held, own in _held_columns(choice, recorded, position, robot) if robot is not None else ():
         if own.size == 0 or np.abs(own - held).max() <= HELD_WITHIN:
             continue
         if np.ptp(own) <= HELD_WITHIN:
             at = float(np.median(own))
-            what = f"joint {joint} stood at {at:.4g} rad (m), not at {held:g}; give --lock {joint}={at:.6g}"
+            advice = (
+                f"give --lock {joint}={at:.6g}" if called == f"joint {joint}" else "give --lock as the joints stood"
+            )
+            what = f"{called} stood at {at:.4g} rad (m), not at {held:g}; {advice}"
             raise RecordingError.named(file, what, field="joint_names")
         sentence = (
-            f"WARNING, joint {joint} is taken as held at {held:g} rad (m), but it was recorded from {own.min():.3g} to "
+            f"WARNING, {called} is taken as held at {held:g} rad (m), but it was recorded from {own.min():.3g} to "
             f"{own.max():.3g}; of a gripper that may do, of an arm's joint it does not"
         )
         notes.append(Finding.of_all("held_joint_moves", rows, sentence))
     return notes
+
+
+def _held_columns(
+    choice: JointChoice, recorded: Sequence[str] | None, position: FloatArray, robot: RobotModel
+) -> list[tuple[str, str, float, FloatArray]]:
+    """Of each locked joint: what to call its column, its name, where it is said to be held, and what was recorded.
+
+    Columns without names that are as many as the locked joints are theirs, each of the one that stands nearest.
+    """
+    columns = [values[np.isfinite(values)] for values in position.T]
+    if recorded is not None:
+        named = [(joint, held) for joint, held in robot.locked_joints if joint in recorded]
+        return [(f"joint {joint}", joint, held, columns[recorded.index(joint)]) for joint, held in named]
+    left = [column for column in range(len(columns)) if column not in choice.columns]
+    if len(left) != len(robot.locked_joints):
+        return []
+    left.sort(key=lambda column: float(np.median(columns[column])) if columns[column].size else 0.0)
+    locked = sorted(robot.locked_joints, key=lambda item: item[1])
+    one = len(left) == 1
+    return [
+        (f"joint {joint}" if one else f"column {column + 1}, which is left out,", joint, held, columns[column])
+        for column, (joint, held) in zip(left, locked, strict=True)
+    ]

@@ -349,6 +349,31 @@ def test_a_recorded_joint_has_to_stand_where_it_is_locked(tmp_path: Path) -> Non
     )
 
 
+def test_columns_without_names_have_to_stand_where_their_joints_are_locked(tmp_path: Path) -> None:
+    """The advice of a fit is --lock with --joints 1,2: the third column was left out without a look."""
+    urdf, held = tmp_path / "hand.urdf", POSITION[:, :3].copy()
+    urdf.write_text(HAND.format(mimic='<mimic joint="finger_1"/>'))
+    held[:, 2] = 0.3
+    file = tmp_path / "a.npz"
+
+    def read(joints: str, **locked: float) -> Recording:
+        np.savez(file, t=TIME, q=held, tau=TORQUE[:, :3])
+        return read_recording(
+            file, robot=urdf, installation=Installation(locked_joints=tuple(locked.items())), joints=joints.split(",")
+        )
+
+    assert read("1,2", finger_1=0.29).n == 2
+    with pytest.raises(RecordingError, match=r"finger_1 stood at 0\.3 rad \(m\), not at 0; give --lock finger_1=0\.3"):
+        read("1,2", finger_1=0.0)
+    held[:, 1] = -0.2
+    assert read("1", finger_1=0.3, elbow=-0.2).n == 1
+    with pytest.raises(RecordingError, match=r"column 3, which is left out, stood at 0\.3 rad \(m\), not at 0"):
+        read("1", finger_1=0.0, elbow=-0.2)
+    held[:, 2] = POSITION[:, 2]
+    (moved,) = read("1,2", finger_1=0.0).report.of_kind("held_joint_moves")
+    assert moved.sentence.startswith("WARNING, joint finger_1 is taken as held at 0 rad (m), but it was recorded from")
+
+
 def test_a_joint_that_follows_a_locked_one_is_locked_with_it(tmp_path: Path) -> None:
     urdf = tmp_path / "hand.urdf"
     urdf.write_text(HAND.format(mimic='<mimic joint="finger_1"/>'))
