@@ -26,6 +26,8 @@ from daemon.queue.job_work import FitEnded, RunEnded, fit_is_alive
 from daemon.times import new_job_id
 
 _MAXIMUM_ATTEMPTS = 2
+_NEVER_ENDED = 130
+"""Exit code of a job that was interrupted or cancelled: whoever waits for one hears of an end."""
 _REFUSALS = (1, 65, 66, 78)
 """Exit codes of a run that was not begun because of what was asked for: the ladder, the data, a file, a setting."""
 _HELD = "Waits for `iiwa-ident resume`: no motion follows a stop, a failed run or a restart by itself."
@@ -73,6 +75,7 @@ class JobQueue:
                 "interrupted",
                 "The service ended during this run, whereupon the loop stops the arm by itself. What was recorded is "
                 f"in {job.folder}; `iiwa-ident recover` makes a broken-off log whole.",
+                exit_code=_NEVER_ENDED,
             )
         else:
             ended = RunEnded(job.job_id, outcome, " ".join(outcome.sentences), outcome.exit_code)
@@ -223,8 +226,9 @@ class JobQueue:
                 1,
             )
         for motion in motions:
-            self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.")
-        return self.store.change(job_id, "cancelled", "Cancelled; nothing of it will move.").sentence
+            self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.", exit_code=_NEVER_ENDED)
+        said = "Cancelled; nothing of it will move."
+        return self.store.change(job_id, "cancelled", said, exit_code=_NEVER_ENDED).sentence
 
     # ---- fits
 

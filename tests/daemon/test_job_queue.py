@@ -81,6 +81,8 @@ def test_after_a_restart_what_waited_is_held_and_what_moved_is_interrupted(tmp_p
         cancelled: "cancelled",
         unchecked: "checking",
     }
+    ended = [again.store.jobs[job_id].view().exit_code for job_id in (moving, cancelled, waiting)]
+    assert ended == [130, 130, None]  # who polls for the code of an end waited for ever
     again.checked(unchecked, SAFE)
     assert phases(again)[unchecked] == "held"
     assert again.next_run() is None
