@@ -186,6 +186,7 @@ def _leaderboard(
 ) -> None:
     from daemon.cli.protection import is_recording
     from identification.audit.leaderboard import leaderboard
+    from identification.audit.rows import band_of
 
     for file in filter(is_recording, models):
         raise typer.BadParameter(
@@ -194,10 +195,11 @@ def _leaderboard(
         )
     inputs = arm.load(logs, model_robot=_robot_of(models))
     standings = leaderboard(models, inputs.recordings, inputs.robot, offsets=offsets)
-    result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "recordings": list(map(str, logs)),
-              "models": [item.to_json() for item in standings]}  # fmt: skip
+    band = band_of(inputs.recordings)
+    result = {"format": "iiwa-ident/leaderboard/1", "offsets_fitted": offsets, "up_to_hz": band,
+              "recordings": list(map(str, logs)), "models": [item.to_json() for item in standings]}  # fmt: skip
     if told_in_words(result, json_file):
-        show_leaderboard(standings, offsets, inputs.robot.torque_unit)
+        show_leaderboard(standings, offsets, inputs.robot.torque_unit, band)
     if any(item.rms is None for item in standings):
         raise typer.Exit(1)
 
@@ -224,15 +226,19 @@ OTHER_ROWS = (
 )
 
 
-def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str) -> None:
-    """The table of RMS, best first, then what is wrong in each model."""
+def show_leaderboard(standings: Sequence[Standing], offsets: bool, unit: str, up_to_hz: float) -> None:
+    """The table of RMS, best first, then what is wrong in each model. up_to_hz: of what is compared."""
     from daemon.cli.rms_view import show_rms
     from identification.fitting.rms import RmsTable
 
     fitted = "one constant a joint fitted" if offsets else "nothing fitted"
     lines = tuple(item.rms for item in standings if item.rms is not None)
     if lines:
-        show_rms(RmsTable(lines), f"RMS of measured minus predicted torque per joint, {fitted}", unit=unit)
+        show_rms(
+            RmsTable(lines),
+            f"RMS of measured minus predicted torque per joint up to {up_to_hz:.3g} Hz, {fitted}",
+            unit=unit,
+        )
         if any(item.quotes_rms for item in standings):
             data(OTHER_ROWS)
     for item in standings:
