@@ -172,7 +172,7 @@ def _agreement(name: str, chance: float) -> str:
         return f"The size of {name} agrees between the recordings (chance {chance:.2g})."
     return (
         f"The size of {name} DIFFERS between the recordings (chance {chance:.1g}): it changes with time or "
-        "temperature, or the torque has another form."
+        "temperature, the torque has another form, or the recordings are not of one arm."
     )
 
 
