@@ -23,7 +23,7 @@ from identification.estimators.feasibility import friction_beyond, rules_for
 from identification.estimators.least_squares import LeastSquaresResult
 from identification.estimators.nearest import FeasibilityAnswer, nearest_physical
 from identification.estimators.prior import SettledParameters, settle_open_directions
-from identification.fitting.agreement import notes_on_agreement
+from identification.fitting.agreement import notes_on_agreement, notes_on_arms
 from identification.fitting.band import BandChoice
 from identification.fitting.blocks import Block, Evaluation, rms_over
 from identification.fitting.delay import TorqueDelay, earlier, estimate_delay
@@ -227,6 +227,7 @@ def _notes(
 ) -> tuple[str, ...]:
     """What is said of a fit beside signs and what else its recordings may be."""
     return (
+        *notes_on_arms([item.recording for item in processed]),
         *notes_on_joints_missed(rms),
         *_notes_on_standing([item.recording for item in processed]),
         *(f"{Path(item.recording.source.path).name}: {note}" for item in processed for note in item.notes),

@@ -11,6 +11,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.estimators.observation import RANK_TOLERANCE
 from identification.fitting.blocks import Block
+from identification.recordings.recording import Recording
 
 APART = 5.0
 """Times the RMS that a recording's own parameters leave: two runs of one arm reach 2.6 where joints stand still in one
@@ -40,6 +41,15 @@ def notes_on_agreement(blocks: Sequence[Block], values: FloatArray, names: Seque
         f"leave {times[worst, joint]:.3g} times the RMS that its own would (all such joints: "
         f"{', '.join(map(str, joints))}). Another load, stand, day or arm? `iiwa-ident compare` says which",
     )
+
+
+def notes_on_arms(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A warning where logs state the serial numbers of different arms."""
+    stated = dict.fromkeys(filter(None, (item.source.metadata.get("serial") for item in recordings)))
+    if len(stated) < 2:
+        return ()
+    said = f"WARNING, the recordings are of {len(stated)} arms (serial numbers {', '.join(stated)})"
+    return (f"{said}: what is fitted to them together is the arm of none. Fit them one by one",)
 
 
 def _times_its_own(blocks: Sequence[Block], values: FloatArray) -> FloatArray:

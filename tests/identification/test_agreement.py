@@ -51,3 +51,16 @@ def test_two_runs_of_one_real_arm_go_together() -> None:
         recordings = [read_recording(RECORDINGS / f"{name}_{run}.npz", robot=str(robot)) for run in "ab"]
         fit = fit_recordings(recordings, load_robot(robot), FitSettings(physical=False))
         assert not [note for note in fit.notes if "do not go together" in note]
+
+
+def test_logs_of_two_arms_are_warned_of_however_alike_they_are() -> None:
+    """Two arms of one build differ by less than a day's friction: nothing was said, with exit code 0."""
+    recordings = [_recorded(1, 0.0), _recorded(2, 0.0)]
+    for numbers, warned in (("A1", "B2"), True), (("A1", "A1"), False), (("A1", ""), False):
+        stated = [
+            replace(item, source=replace(item.source, metadata={"serial": number}))
+            for item, number in zip(recordings, numbers, strict=True)
+        ]
+        said = fit_recordings(stated, load_robot("iiwa14"), FitSettings(physical=False)).notes
+        assert any("2 arms (serial numbers A1, B2)" in note for note in said) == warned
+        assert not warned or said[0].startswith("WARNING, the recordings are of 2 arms")
