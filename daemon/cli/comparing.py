@@ -113,7 +113,7 @@ def _changes(
     from identification.fitting.result import warnings_of
     from identification.model_file import no_check, read_model
     from identification.recordings.independence import refuse_repeated
-    from identification.report.series_order import notes_on_order, notes_on_the_first
+    from identification.report.series_notes import notes_on_order, notes_on_temperature, notes_on_the_first
     from identification.report.trend_page import trend_order
 
     known = read_model(first) if first.suffix == ".json" else None
@@ -146,10 +146,11 @@ def _changes(
     with as_usage(RecordingError):
         series = series if hours is None else with_hours(series, hours)
     trend = trend_of(series, inputs.robot) if is_series else None
+    warm = () if trend is None else notes_on_temperature(trend)
     page = None
     if trend is not None and out is not None:
         page = _write_page(trend, inputs.robot.name, out, of_series)
-    result = {"format": "iiwa-ident/comparison/1", "with": str(first), "notes": list(notes), "changes": [
+    result = {"format": "iiwa-ident/comparison/1", "with": str(first), "notes": [*notes, *warm], "changes": [
         {"recording": str(file), **change.to_json()} for file, change in zip(others, changes, strict=True)
     ], **({} if trend is None else {"trend": trend.to_json()})}  # fmt: skip
     if told_in_words(result, json_file):
@@ -157,7 +158,7 @@ def _changes(
             show_change(f"{first} → {file}", change)
         if trend is not None:
             data(f"The series, {trend_order(trend)}:")
-            data_lines(f"  {sentence}" for sentence in trend.sentences)
+            data_lines(f"  {sentence}" for sentence in (*trend.sentences, *warm))
         if page is not None:
             data(f"Written to {page}")
 

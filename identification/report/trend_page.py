@@ -11,6 +11,7 @@ from identification.audit.trend import ODDS_SAID, JointTrend, Trend
 from identification.report.document import Block, Document, Figure, Line, Panel, Paragraph, Section, Style, Table
 from identification.report.numbers import rounded, with_sigma
 from identification.report.page import render
+from identification.report.series_notes import notes_on_temperature
 from identification.report.units import in_units_of_joints
 from identification.whole_file import write_whole
 
@@ -39,7 +40,7 @@ def trend_document(trend: Trend, robot: str, notes: Sequence[str] = ()) -> Docum
         unit, length = next((each for each in _UNITS if place[-1] >= _LEAST_SPAN * each[1]), _UNITS[-1])
         place, label = place / length, f"{unit} since {trend.dates[0]:%Y-%m-%d %H:%M}"
     keys: tuple[tuple[Style, str], ...] = (("measured", "friction of one recording ± one deviation"),)
-    blocks: list[Block] = [Paragraph(sentence) for sentence in (*notes, *trend.sentences)]
+    blocks: list[Block] = [Paragraph(sentence) for sentence in (*notes, *trend.sentences, *notes_on_temperature(trend))]
     by_date = tuple(_panel(item, place, label) for item in trend.joints)
     blocks.append(Figure("Friction of each recording", by_date, keys))
     if trend.hours is not None:

@@ -26,7 +26,7 @@ from identification.errors import RecordingError
 from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.report.document import Figure, Paragraph, Table
-from identification.report.series_order import notes_on_order, notes_on_the_first
+from identification.report.series_notes import notes_on_order, notes_on_temperature, notes_on_the_first
 from identification.report.trend_page import trend_document, trend_order
 from identification.robots import RobotModel
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
@@ -285,3 +285,24 @@ def test_a_series_of_one_date_is_drawn_in_its_order_and_says_so(trend: Trend) ->
     assert (panel.x_label, panel.lines[0].x.tolist()) == ("recording, as given", [1.0, 2.0, 3.0, 4.0, 5.0])
     (table,) = (block for block in trend_document(trend, "iiwa14").sections[0].blocks if isinstance(block, Table))
     assert (table.head[1], table.rows[1][1]) == ("date (UTC)", "2026-06-02 08:00")
+
+
+def test_a_change_that_comes_with_warmth_is_said_to(trend: Trend) -> None:
+    elbow = trend.joints[3]
+    assert elbow.change.at == FROM
+
+    def said(*celsius: float) -> tuple[str, ...]:
+        joints = (*trend.joints[:3], replace(elbow, temperature=np.array(celsius)), *trend.joints[4:])
+        return notes_on_temperature(replace(trend, joints=joints))
+
+    (note,) = said(24.0, 25.0, 26.0, 40.0, 41.0)
+    assert note.startswith("Joint 4 has 25 °C before day4.npz and 40.5 °C from there on")
+    assert len(said(24.0, np.nan, 26.0, np.nan, 41.0)) == 1
+    for alike in ((24.0, 25.0, 26.0, 25.5, 27.0), (24.0, 25.0, 26.0, np.nan, np.nan), (np.nan,) * 5):
+        assert said(*alike) == ()
+    warm = replace(
+        trend, joints=tuple(replace(item, temperature=np.array([24.0] * 3 + [40.0] * 2)) for item in trend.joints)
+    )
+    assert len(notes_on_temperature(warm)) == 1  # of the other joints no friction changed
+    blocks = trend_document(warm, "iiwa14").sections[0].blocks
+    assert any(isinstance(block, Paragraph) and "Joint 4 has 24 °C before" in block.text for block in blocks)

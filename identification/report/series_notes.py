@@ -1,10 +1,12 @@
-"""What is said of the order of recordings that are compared, where their dates do not tell it or tell another."""
+"""What is said beside a series: of its order, where dates do not tell it or tell another, and of a joint's warmth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from identification.audit.trend import date_of, hours_of
+import numpy as np
+
+from identification.audit.trend import ODDS_SAID, JointTrend, Trend, date_of, hours_of
 from identification.recordings.independence import recording_names
 from identification.recordings.recording import Recording
 
@@ -34,6 +36,28 @@ def notes_on_order(recordings: Sequence[Recording]) -> tuple[str, ...]:
         return (f"{_named(undated)}: no date, so the series stands as it was given{other}.",)
     alike = [name for name, date in zip(names, dates, strict=True) if date and known.count(date) > 1]
     return (f"{_named(alike)}: not alone with their date. Those of one date stand as given.",) if alike else ()
+
+
+def notes_on_temperature(trend: Trend) -> tuple[str, ...]:
+    """A sentence for each joint whose friction changed at once where its temperature did, too.
+
+    It did where the two sides are farther apart than the temperatures of either are among themselves.
+    """
+    return tuple(filter(None, (_warmth(item, trend.names) for item in trend.joints)))
+
+
+def _warmth(item: JointTrend, names: Sequence[str]) -> str:
+    at = item.change.at
+    sides = [side[np.isfinite(side)] for side in (item.temperature[:at], item.temperature[at:])]
+    if item.change.odds < ODDS_SAID or not all(side.size for side in sides):
+        return ""
+    before, after = (float(side.mean()) for side in sides)
+    if abs(after - before) <= max(float(np.ptp(side)) for side in sides):
+        return ""
+    return (
+        f"Joint {item.joint} has {before:.3g} °C before {names[at]} and {after:.3g} °C from there on: friction "
+        "goes with temperature, and this may be no change of the arm."
+    )
 
 
 def _named(names: Sequence[str]) -> str:
