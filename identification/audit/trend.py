@@ -21,7 +21,7 @@ from identification.base_parameters import direction_of, width_of
 from identification.errors import RecordingError
 from identification.fitting.result import FitResult
 from identification.json_values import json_list
-from identification.recordings.independence import recording_names
+from identification.recordings.independence import EARLIEST_CLOCK_S, recording_names
 from identification.recordings.recording import Recording
 from identification.robots.joint_units import in_units
 from identification.robots.model import RobotModel
@@ -135,7 +135,7 @@ class Trend:
 
 def date_of(recording: Recording) -> datetime | None:
     """When a run was made: by its identifier (20261121T103000123Z), or metadata `date` (ISO 8601; of a ROS bag its
-    recorder's start); else None.
+    recorder's start); else None, as where it is that of a clock which was never set.
 
     A date without a zone is taken as UTC.
     """
@@ -145,9 +145,10 @@ def date_of(recording: Recording) -> datetime | None:
     for text, form in ((tags.get("run_id", "")[:15], "%Y%m%dT%H%M%S"), (date, ""), (date[:19], "")):
         try:
             found = datetime.strptime(text, form) if form else datetime.fromisoformat(text)
-            return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+            found = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
         except (ValueError, OverflowError):
             continue
+        return found if found.timestamp() > EARLIEST_CLOCK_S else None
     return None
 
 
