@@ -56,7 +56,11 @@ class Products:
 
     def of(self, columns: IntArray) -> Products:
         """Of some columns."""
-        return replace(self, gram=self.gram[..., columns[:, None], columns], right=self.right[..., columns])
+        if np.array_equal(columns, np.arange(self.right.shape[2])):
+            return self
+        # What numpy makes of an index has its axes in another order, and each product would copy it once more.
+        gram = np.ascontiguousarray(self.gram[..., columns[:, None], columns])
+        return replace(self, gram=gram, right=self.right[..., columns])
 
     def counts(self, parts: Sequence[int]) -> FloatArray:
         """(n,) rows of each joint in some parts."""
@@ -101,7 +105,7 @@ class Estimate:
 def posterior(gram: FloatArray, right: FloatArray, factor: FloatArray) -> Estimate:
     """Of Gaussian parameters F z, z ~ N(0, 1); a vector stands for the diagonal of F."""
     root, seen = _of_standard(gram, right, factor)
-    solved = cho_solve(root, seen)
+    solved = cho_solve(root, seen, check_finite=False)
     return Estimate(factor * solved if factor.ndim == 1 else factor @ solved, factor, root)
 
 
@@ -111,8 +115,8 @@ def _of_standard(gram: FloatArray, right: FloatArray, factor: FloatArray) -> tup
         precision, seen = factor[:, None] * gram * factor, factor * right
     else:
         precision, seen = factor.T @ gram @ factor, factor.T @ right
-    precision[np.diag_indices_from(precision)] += 1.0
-    return cho_factor(precision), seen
+    np.einsum("ii->i", precision)[:] += 1.0
+    return cho_factor(precision, overwrite_a=True, check_finite=False), seen
 
 
 def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatArray) -> tuple[

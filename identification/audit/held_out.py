@@ -88,7 +88,8 @@ class Asked:
             gram, right = fitted.summed((0,), 1.0 / (REPEATED * std**2))
             # Torques far smaller than what the parameters may make have no solution in floats without that.
             rounded = len(widths) * np.finfo(np.float64).eps * float(np.diag(gram) @ widths**2)
-            values = posterior(gram + np.diag(rounded / widths**2), right, widths).values
+            gram[every, every] += rounded / widths**2
+            values = posterior(gram, right, widths).values
             std = np.maximum(np.sqrt(fitted.left((0,), values, every) / counts), self.sizes.least_noise)
         return values
 

@@ -16,7 +16,7 @@ from itertools import combinations, groupby
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
+from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, columns_of
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.evidence import Products
 from identification.audit.given import GivenModel, Sizes, sizes_of, wide_open
@@ -143,7 +143,7 @@ class _Moved:
     @classmethod
     def of(cls, asked: Asked, torque: FloatArray) -> _Moved:
         """Of rows with their motion read so, and the recorded torque (R, n)."""
-        columns = Geometry(asked.geometry.robot, asked.rows).columns(asked.gravity)
+        columns = columns_of(asked.geometry.robot, asked.rows, asked.gravity)
         own = asked.products(columns, asked.rows.torque)
         right = np.empty((*own.count.shape, *columns.shape[1:]))
         square = np.empty(right.shape[:3])
