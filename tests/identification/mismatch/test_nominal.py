@@ -44,7 +44,7 @@ def diagnosis(
     recording: Recording, fit: FitResult, iiwa14: RobotModel, tmp_path_factory: pytest.TempPathFactory
 ) -> Diagnosis:
     """Of the recording, against the user's own model of it."""
-    model = read_model(write_model(fit.to_model_json(), tmp_path_factory.mktemp("fit") / "model.json"))
+    model = read_model(write_model(fit.to_model_json(notes=False), tmp_path_factory.mktemp("fit") / "model.json"))
     return diagnose([recording], iiwa14, model=model)
 
 

@@ -177,7 +177,7 @@ def _on_the_last_third(folder: Path, file: str, robot_file: str) -> TwoThirds:
         parts.append(read_recording(folder / f"{name}.npz", robot=robot))
     first, last = parts
     diagnosis = diagnose([first], robot)
-    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json()
+    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json(notes=False)
     rms = []
     for name, data in (("plain", plain), ("extended", extended_model(diagnosis, [first], robot))):
         write_model(data, folder / f"{name}.json")

@@ -131,7 +131,7 @@ def test_a_turned_joint_of_a_real_arm_is_named() -> None:
 def ur10_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     recording, robot = measured("ur10.npz")
     file = tmp_path_factory.mktemp("ur10") / "model.json"
-    return read_model(write_model(fit_recordings([recording], robot).to_model_json(), file))
+    return read_model(write_model(fit_recordings([recording], robot).to_model_json(notes=False), file))
 
 
 @pytest.mark.parametrize("joint", [None, 2, 3, 4, 6])
