@@ -122,6 +122,7 @@ class Asked:
                 break
         return values
 
-    def of_reading(self, columns: FloatArray, torque: FloatArray | None = None) -> Score:
-        """Of other columns (R, n, 14 n), or another torque (R, n)."""
-        return self.score(self.products(columns, self.rows.torque if torque is None else torque), self.widths())
+    def of_reading(self, columns: FloatArray, torque: FloatArray | None = None, *, least: float = -np.inf) -> Score:
+        """Of other columns (R, n, 14 n), or another torque (R, n). least: as in `score`."""
+        products = self.products(columns, self.rows.torque if torque is None else torque)
+        return self.score(products, self.widths(), least)
