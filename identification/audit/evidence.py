@@ -29,9 +29,9 @@ class Products:
 
     def summed(self, parts: Sequence[int], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gram (K, K) and right side (K,) of some parts with weights (n,) of the joints."""
-        whole = self.together(parts)
-        gram = weight @ whole.gram[0].reshape(len(weight), -1)
-        return gram.reshape(whole.gram.shape[2:]), weight @ whole.right[0]
+        each = [weight @ self.gram[part].reshape(len(weight), -1) for part in parts]
+        gram = np.add.reduce(each).reshape(self.gram.shape[2:])
+        return gram, np.add.reduce([weight @ self.right[part] for part in parts])
 
     def together(self, parts: Sequence[int]) -> Products:
         """Of some parts as one."""
