@@ -104,7 +104,7 @@ def _changes(
     first: Path, others: Sequence[Path], arm: RecordedArm, hours: Sequence[float] | None, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    from identification.audit.between import changes_between, model_of
+    from identification.audit.between import changes_between, fitted_to, model_of_fit
     from identification.audit.mount import require_stated_stand
     from identification.audit.reading import read_so
     from identification.audit.signs import require_stated_signs
@@ -134,9 +134,13 @@ def _changes(
     if known is None:
         require_stated_stand(inputs.recordings[:1], inputs.robot)
         require_stated_signs(inputs.recordings[:1], inputs.robot, "nothing can be compared with it")
-    model = known if known is not None else model_of(inputs.recordings[0], inputs.robot)
-    for warning in () if known is not None else warnings_of(model.data["provenance"]["notes"]):
-        message(warning)
+    if known is not None:
+        model = known
+    else:
+        fit = fitted_to(inputs.recordings[0], inputs.robot)
+        model = model_of_fit(fit, Path(inputs.recordings[0].source.path).name)
+        for warning in warnings_of(fit.notes):
+            message(warning)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     # Every run's recording has the same file name: it is called as the user called it.
     changes = [changes_between(model, recording, inputs.robot, str(first)) for recording in recordings]

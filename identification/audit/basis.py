@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from identification.arrays import FloatArray, IntArray
 from identification.audit.columns import INERTIAL, PARAMETERS, Geometry, SetUp
@@ -117,11 +116,15 @@ class Explanation:
         """(k, k) root of the prior of all that is free."""
         parameters = _prior_on(self.model, self.sizes, self.day if day is None else day)
         widths = np.concatenate([self._scattering()[1], *(step.width for step in self.steps)])
-        return block_diag(parameters, np.diag(widths))
+        factor = np.diag(np.concatenate([np.zeros(len(parameters)), widths]))
+        factor[: len(parameters), : len(parameters)] = parameters
+        return factor
 
-    def fitted(self, parts: Sequence[int], alone: bool = False) -> Estimate:
+    def fitted(self, parts: Sequence[int]) -> Estimate:
         """All that is free, by the rows of some parts."""
-        columns, factor = self._free(alone)
+        return self._fitted(parts, self.columns(), self.factor())
+
+    def _fitted(self, parts: Sequence[int], columns: IntArray, factor: FloatArray) -> Estimate:
         gram, right = self.comparison.products.summed(parts, self.noise.weight)
         return posterior(gram[np.ix_(columns, columns)], right[columns], factor)
 
@@ -166,14 +169,15 @@ class Explanation:
 
     def foretold(self, parts: Sequence[int] = USED, alone: bool = False) -> FloatArray:
         """(parts, n) sum of squares that is left on each part by what is fitted on the others; alone: as in `_free`."""
-        return np.array([self._left((part,), [other for other in parts if other != part], alone) for part in parts])
+        free = self._free(alone)
+        return np.array([self._left((part,), [other for other in parts if other != part], *free) for part in parts])
 
     def reported(self, alone: bool = False) -> FloatArray:
         """(n,) sum of squares that is left on the rows that report by what is fitted on those in use."""
-        return self._left(REPORT, USED, alone)
+        return self._left(REPORT, USED, *self._free(alone))
 
-    def _left(self, parts: Sequence[int], fitted: Sequence[int], alone: bool) -> FloatArray:
-        return self.comparison.products.left(parts, self.fitted(fitted, alone).values, self._free(alone)[0])
+    def _left(self, parts: Sequence[int], fitted: Sequence[int], columns: IntArray, factor: FloatArray) -> FloatArray:
+        return self.comparison.products.left(parts, self._fitted(fitted, columns, factor).values, columns)
 
     def deviation_of_last(self) -> tuple[FloatArray, FloatArray]:
         """Values (m,) and covariance (m, m) of the last difference beside all else, by all rows."""

@@ -76,11 +76,11 @@ def model_of(recording: Recording, robot: RobotModel) -> Model:
 
 
 def model_of_fit(fit: FitResult, name: str) -> Model:
-    """A fit as a model, named after its recording."""
+    """A fit as a model, named after its recording, without the fit's notes: nothing is compared with those."""
     regressor, nothing = fit.regressor, np.zeros(fit.robot.n)
     return Model(
         fit.robot.spec, fit.names, fit.values, fit.std, regressor.units, None, nothing, nothing, regressor.options,
-        name, fit.to_model_json(),
+        name, fit.to_model_json(notes=False),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, lapack
 
 from identification.arrays import BoolArray, FloatArray, IntArray
 
@@ -29,9 +29,9 @@ class Products:
 
     def summed(self, parts: Sequence[int], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gram (K, K) and right side (K,) of some parts with weights (n,) of the joints."""
-        whole = self.together(parts)
-        gram = weight @ whole.gram[0].reshape(len(weight), -1)
-        return gram.reshape(whole.gram.shape[2:]), weight @ whole.right[0]
+        each = [weight @ self.gram[part].reshape(len(weight), -1) for part in parts]
+        gram = np.add.reduce(each).reshape(self.gram.shape[2:])
+        return gram, np.add.reduce([weight @ self.right[part] for part in parts])
 
     def together(self, parts: Sequence[int]) -> Products:
         """Of some parts as one."""
@@ -56,7 +56,11 @@ class Products:
 
     def of(self, columns: IntArray) -> Products:
         """Of some columns."""
-        return replace(self, gram=self.gram[..., columns[:, None], columns], right=self.right[..., columns])
+        if np.array_equal(columns, np.arange(self.right.shape[2])):
+            return self
+        # What numpy makes of an index has its axes in another order, and each product would copy it once more.
+        gram = np.ascontiguousarray(self.gram[..., columns[:, None], columns])
+        return replace(self, gram=gram, right=self.right[..., columns])
 
     def counts(self, parts: Sequence[int]) -> FloatArray:
         """(n,) rows of each joint in some parts."""
@@ -101,7 +105,7 @@ class Estimate:
 def posterior(gram: FloatArray, right: FloatArray, factor: FloatArray) -> Estimate:
     """Of Gaussian parameters F z, z ~ N(0, 1); a vector stands for the diagonal of F."""
     root, seen = _of_standard(gram, right, factor)
-    solved = cho_solve(root, seen)
+    solved = lapack.dpotrs(root[0], seen)[0]
     return Estimate(factor * solved if factor.ndim == 1 else factor @ solved, factor, root)
 
 
@@ -111,8 +115,12 @@ def _of_standard(gram: FloatArray, right: FloatArray, factor: FloatArray) -> tup
         precision, seen = factor[:, None] * gram * factor, factor * right
     else:
         precision, seen = factor.T @ gram @ factor, factor.T @ right
-    precision[np.diag_indices_from(precision)] += 1.0
-    return cho_factor(precision), seen
+    np.einsum("ii->i", precision)[:] += 1.0
+    # By thousands, and of few columns: what SciPy asks about its arguments takes as long as the root.
+    root, failed = lapack.dpotrf(precision.T, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the precision of a hypothesis is not positive definite")
+    return (root, False), seen
 
 
 def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatArray) -> tuple[
@@ -129,7 +137,7 @@ def marginal(gram: FloatArray, right: FloatArray, base: IntArray, factor: FloatA
 def log_evidence(gram: FloatArray, right: FloatArray, factor: FloatArray) -> float:
     """Log odds of Gaussian parameters F z, z ~ N(0, 1), against none; a vector stands for the diagonal of F."""
     root, seen = _of_standard(gram, right, factor)
-    return float(0.5 * seen @ cho_solve(root, seen) - np.log(np.diag(root[0])).sum())
+    return float(0.5 * seen @ lapack.dpotrs(root[0], seen)[0] - np.log(np.diag(root[0])).sum())
 
 
 def between_parts(without: FloatArray) -> FloatArray:

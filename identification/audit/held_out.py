@@ -88,19 +88,24 @@ class Asked:
             gram, right = fitted.summed((0,), 1.0 / (REPEATED * std**2))
             # Torques far smaller than what the parameters may make have no solution in floats without that.
             rounded = len(widths) * np.finfo(np.float64).eps * float(np.diag(gram) @ widths**2)
-            values = posterior(gram + np.diag(rounded / widths**2), right, widths).values
+            gram[every, every] += rounded / widths**2
+            values = posterior(gram, right, widths).values
             std = np.maximum(np.sqrt(fitted.left((0,), values, every) / counts), self.sizes.least_noise)
         return values
 
-    def score(self, products: Products, widths: FloatArray) -> Score:
-        """Of every fold by what the others say."""
-        square, every = np.zeros(len(self.sizes.torque)), np.arange(len(widths))
+    def score(self, products: Products, widths: FloatArray, least: float = -np.inf) -> Score:
+        """Of every fold by what the others say. least: nats; of what is found to be less likely no more is asked than
+        that, as what further folds leave is only added.
+        """
+        every, counts = np.arange(len(widths)), products.counts(range(FOLDS))
+        square = np.zeros(len(self.sizes.torque))
         for fold in range(FOLDS):
             others = tuple(other for other in range(FOLDS) if other != fold)
             square += products.left((fold,), self.values(products, widths, others), every)
-        counts = products.counts(range(FOLDS))
-        square = np.maximum(square / np.maximum(counts, 1.0), self.sizes.least_noise**2)
-        return Score.of(square, counts)
+            so_far = Score.of(np.maximum(square / np.maximum(counts, 1.0), self.sizes.least_noise**2), counts)
+            if so_far.nats < least:
+                break
+        return so_far
 
     def settled(self, start: FloatArray, linear: Linear, width: float, nearest: float) -> FloatArray:
         """(m,) values that leave least, by tangents from a start, until no step is longer than the nearest.
@@ -117,6 +122,7 @@ class Asked:
                 break
         return values
 
-    def of_reading(self, columns: FloatArray, torque: FloatArray | None = None) -> Score:
-        """Of other columns (R, n, 14 n), or another torque (R, n)."""
-        return self.score(self.products(columns, self.rows.torque if torque is None else torque), self.widths())
+    def of_reading(self, columns: FloatArray, torque: FloatArray | None = None, *, least: float = -np.inf) -> Score:
+        """Of other columns (R, n, 14 n), or another torque (R, n). least: as in `score`."""
+        products = self.products(columns, self.rows.torque if torque is None else torque)
+        return self.score(products, self.widths(), least)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.arrays import ComplexArray, FloatArray
+from identification.arrays import BoolArray, ComplexArray, FloatArray
 from identification.audit.held_out import Asked, Score
 from identification.audit.rows import BLOCK_S, WIDEST_HZ, Rows
 
@@ -61,20 +61,37 @@ class Filter:
         )
 
 
-def filtered(asked: Asked, columns: FloatArray, by: Filter) -> FloatArray:
-    """Columns (R, n, K) through a filter; at its ends a stretch is taken to turn back."""
-    result, first = np.zeros_like(columns), 0
-    live = columns.any(axis=0)
-    for stretch in asked.rows.smooth:
-        here = slice(first, first + len(stretch.samples))
-        own = columns[here][:, live]
-        mirrored = np.concatenate([own[::-1], own])
-        response = by.response(np.fft.rfftfreq(len(mirrored), asked.rows.spacing_s).astype(np.float64))
-        passed = np.fft.irfft(np.fft.rfft(mirrored, axis=0) * response[:, None], n=len(mirrored), axis=0)
-        whole = np.zeros((len(own), *live.shape))
-        whole[:, live] = passed[len(own) :]
-        result[here], first = whole, here.stop
-    return result
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mirrored:
+    """Columns (R, n, K) of stretches as frequencies, so that each filter costs one transform and not two; at its ends a
+    stretch is taken to turn back. live: which columns are not zero. spectra: of each stretch, with its rows.
+    """
+
+    live: BoolArray
+    spectra: tuple[tuple[slice, ComplexArray], ...]
+    spacing_s: float
+
+    @classmethod
+    def of(cls, asked: Asked, columns: FloatArray) -> _Mirrored:
+        """Of the rows asked of."""
+        live, spectra, first = np.asarray(columns.any(axis=0)), [], 0
+        for stretch in asked.rows.smooth:
+            here = slice(first, first + len(stretch.samples))
+            own = columns[here][:, live]
+            spectra.append((here, np.fft.rfft(np.concatenate([own[::-1], own]), axis=0)))
+            first = here.stop
+        return cls(live, tuple(spectra), asked.rows.spacing_s)
+
+    def through(self, by: Filter) -> FloatArray:
+        """The columns behind a filter."""
+        last = self.spectra[-1][0].stop
+        result = np.zeros((last, *self.live.shape))
+        for here, spectrum in self.spectra:
+            length = here.stop - here.start
+            response = by.response(np.fft.rfftfreq(2 * length, self.spacing_s).astype(np.float64))
+            passed = np.fft.irfft(spectrum * response[:, None], n=2 * length, axis=0)
+            result[here, self.live] = passed[length:]
+        return result
 
 
 def within_stretches(rows: Rows) -> Rows:
@@ -92,36 +109,34 @@ def likeliest_filter(asked: Asked, stated: Score, least_gain: float) -> tuple[Fi
     near: dict[str, tuple[float, ...]] = {
         "late": (*-DELAYS_S, *DELAYS_S), "in phase": tuple(CORNERS_HZ), "one-sided": tuple(CORNERS_HZ)
     }  # fmt: skip
+    mirrored, least = _Mirrored.of(asked, asked.columns), stated.nats + least_gain
     found: list[tuple[Filter, Score]] = []
     for kind, values in near.items():
-        tried = [(item, _score(asked, item)) for item in (Filter(kind, float(value)) for value in values)]
+        filters = [Filter(kind, float(value)) for value in values]
+        tried = [(item, asked.of_reading(mirrored.through(item), least=least)) for item in filters]
         first, score = max(tried, key=lambda item: item[1].nats)
-        if score.nats - stated.nats > least_gain:
-            found.append(_settled(asked, first))
+        if score.nats > least:
+            found.append(_settled(asked, mirrored, first))
     if not found:
         return None
     best = max(found, key=lambda item: item[1].nats)
     if best[0].kind != "late":
-        found += [_settled(asked, replace(best[0], order=order)) for order in OTHER_ORDERS]
+        found += [_settled(asked, mirrored, replace(best[0], order=order)) for order in OTHER_ORDERS]
     return max(found, key=lambda item: item[1].nats)
 
 
-def _score(asked: Asked, by: Filter) -> Score:
-    return asked.of_reading(filtered(asked, asked.columns, by))
-
-
-def _settled(asked: Asked, near: Filter) -> tuple[Filter, Score]:
+def _settled(asked: Asked, mirrored: _Mirrored, near: Filter) -> tuple[Filter, Score]:
     """The filter of that kind and order that leaves least, by tangents in the logarithm of its value."""
 
     def further(log: float) -> Filter:
         return replace(near, value=near.value * float(np.exp(log)))
 
     def at(log: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        columns = filtered(asked, asked.columns, further(log[0]))
+        columns = mirrored.through(further(log[0]))
         values = asked.values(asked.products(columns, asked.rows.torque), asked.widths())
-        torque = (asked.columns @ values)[..., None]
-        ahead, back = (filtered(asked, torque, further(log[0] + step)) for step in (SMALLEST_STEP, -SMALLEST_STEP))
+        torque = _Mirrored.of(asked, (asked.columns @ values)[..., None])
+        ahead, back = (torque.through(further(log[0] + step)) for step in (SMALLEST_STEP, -SMALLEST_STEP))
         return columns, (ahead - back) / (2.0 * SMALLEST_STEP), asked.rows.torque
 
     found = further(asked.settled(np.zeros(1), at, 1.0, SMALLEST_STEP)[0])
-    return found, _score(asked, found)
+    return found, asked.of_reading(mirrored.through(found))

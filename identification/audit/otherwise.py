@@ -150,8 +150,10 @@ def _zeros(asked: Asked, stated: Score) -> _Found:
     before, zeros = stated, np.zeros(n)
     while len(chosen) < n:
         slopes = _slopes(asked, zeros)[1]
-        gains = [-np.inf if joint in chosen else _beside(asked, zeros, slopes, [joint]) for joint in range(n)]
-        joint = int(np.argmax(gains))
+        joint, most = 0, -np.inf
+        for other in (each for each in range(n) if each not in chosen):
+            if (nats := _beside(asked, zeros, slopes, [other], most)) > most:
+                joint, most = other, nats
         tried = _settled_zeros(asked, zeros, [*chosen, joint])
         score = asked.of_reading(asked.geometry.at(tried).columns(asked.gravity))
         if score.nats - before.nats <= LEAST_GAIN or np.abs(tried).max() > WIDEST_ZERO:
@@ -182,11 +184,11 @@ def _slopes(asked: Asked, zeros: FloatArray) -> tuple[FloatArray, FloatArray]:
     return columns, geometry.by_zero(values, asked.gravity, 1.0)
 
 
-def _beside(asked: Asked, zeros: FloatArray, slopes: FloatArray, joints: list[int]) -> float:
-    """Nats with the zeros of some joints free, as far as a tangent says."""
+def _beside(asked: Asked, zeros: FloatArray, slopes: FloatArray, joints: list[int], least: float) -> float:
+    """Nats with the zeros of some joints free, as far as a tangent says. least: as in `score`."""
     columns = asked.geometry.at(zeros).columns(asked.gravity)
     both = np.concatenate([columns, slopes[..., joints]], axis=2)
-    return asked.score(asked.products(both, asked.rows.torque), asked.widths(len(joints), WIDEST_ZERO)).nats
+    return asked.score(asked.products(both, asked.rows.torque), asked.widths(len(joints), WIDEST_ZERO), least).nats
 
 
 def _settled_zeros(asked: Asked, start: FloatArray, joints: list[int]) -> FloatArray:
@@ -289,21 +291,22 @@ def _another_arm(asked: Asked, stated: Score, recording: Recording) -> _Found:
     part = np.arange(len(rows.block)) * MOMENTS // len(rows.block)
     own = np.arange(asked.columns.shape[2]) % PARAMETERS >= INERTIAL
 
-    def score(moment: int, which: BoolArray) -> Score:
-        """Of columns (14 n,) that have other values from a moment on."""
+    def score(moment: int, which: BoolArray, least: float) -> Score:
+        """Of columns (14 n,) that have other values from a moment on. least: as in `Asked.score`."""
         late = np.where((part >= moment)[:, None, None], asked.columns[..., which], 0.0)
         widths = np.concatenate([asked.widths(), asked.widths()[which]])
-        return asked.score(asked.products(np.concatenate([asked.columns, late], axis=2), rows.torque), widths)
+        return asked.score(asked.products(np.concatenate([asked.columns, late], axis=2), rows.torque), widths, least)
 
-    every = np.ones_like(own)
-    tried = {moment: score(moment, every) for moment in FIRST_MOMENTS}
+    every, least = np.ones_like(own), stated.nats + LEAST_GAIN
+    tried = {moment: score(moment, every, least) for moment in FIRST_MOMENTS}
     near = max(tried, key=lambda moment: tried[moment].nats)
-    if tried[near].nats - stated.nats <= LEAST_GAIN:
+    if tried[near].nats <= least:
         return None
-    tried |= {moment: score(moment, every) for moment in range(FIRST_MOMENTS[0], FIRST_MOMENTS[-1] + 1)}
+    between = (moment for moment in range(FIRST_MOMENTS[0], FIRST_MOMENTS[-1] + 1) if moment not in FIRST_MOMENTS)
+    tried |= {moment: score(moment, every, least) for moment in between}
     moment, found = max(tried.items(), key=lambda item: item[1].nats)
     # Friction and offsets of one arm change, too.
-    if found.nats - score(moment, own).nats <= LEAST_GAIN:
+    if score(moment, own, found.nats - LEAST_GAIN).nats >= found.nats - LEAST_GAIN:
         return None
     within = recording.duration_s / MOMENTS
     since = float(recording.time[0]) + moment * within

@@ -16,7 +16,7 @@ from itertools import combinations, groupby
 import numpy as np
 
 from identification.arrays import FloatArray
-from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
+from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, columns_of
 from identification.audit.comparison import LEAST_GAIN
 from identification.audit.evidence import Products
 from identification.audit.given import GivenModel, Sizes, sizes_of, wide_open
@@ -66,14 +66,16 @@ def likeliest(asked: Asked, models: Sequence[GivenModel | None], rivals: Sequenc
     n, found = len(asked.sizes.torque), dict[Reading, Misplaced]()
     stated = Reading.as_recorded(n)
     turns = _changed(stated, [_turned(n, joint) for joint in range(n)])
-    scores = dict(_scored(asked, models, [stated, *turns, *_changed(stated, _swaps(n))]))
+    scores = dict(_scored(asked, models, [stated], [-np.inf] * len(models)))
+    least = [each.nats for each in scores[stated]]
+    scores.update(_scored(asked, models, [*turns, *_changed(stated, _swaps(n))], least))
     for place, model in enumerate(models):
         ends = list(turns)
         for kind in range(KINDS):
             best, gain = stated, np.inf
             while gain > LEAST_GAIN:
                 reading, steps = best, _changed(best, _swaps(n))[kind::KINDS]
-                scores.update(_scored(asked, models, [each for each in steps if each not in scores]))
+                scores.update(_scored(asked, models, [each for each in steps if each not in scores], least))
                 best = max(reading, *steps, key=lambda each: scores[each][place].nats)
                 gain = scores[best][place].nats - scores[reading][place].nats
             ends.append(reading)
@@ -107,9 +109,11 @@ def _changed(reading: Reading, changes: Sequence[Columns]) -> list[Reading]:
 
 
 def _scored(
-    asked: Asked, models: Sequence[GivenModel | None], readings: Sequence[Reading]
+    asked: Asked, models: Sequence[GivenModel | None], readings: Sequence[Reading], least: Sequence[float]
 ) -> Iterator[tuple[Reading, list[Score]]]:
-    """Each reading's score beside each model. Its squares (n,) are in the order of the recorded torques."""
+    """Each reading's score beside each model, no further than it may be as likely as the least nats there. Its squares
+    (n,) are in the order of the recorded torques.
+    """
 
     def motion_of(reading: Reading) -> Columns:
         return reading.motion
@@ -123,10 +127,11 @@ def _scored(
             moved = moved or _Moved.of(there, asked.rows.torque)
             products, order = moved.products(reading.torque), np.argsort(np.abs(reading.torque))
             squares = []
-            for model in models:
+            for model, nats in zip(models, least, strict=True):
                 values, widths = _known(model, there.sizes)
                 free = np.flatnonzero(widths)
-                squares.append(there.score(products.beside(values).of(free), widths[free]).square[order])
+                score = there.score(products.beside(values).of(free), widths[free], nats)
+                squares.append(score.square[order])
             yield reading, [Score.of(square, counts) for square in squares]
 
 
@@ -143,7 +148,7 @@ class _Moved:
     @classmethod
     def of(cls, asked: Asked, torque: FloatArray) -> _Moved:
         """Of rows with their motion read so, and the recorded torque (R, n)."""
-        columns = Geometry(asked.geometry.robot, asked.rows).columns(asked.gravity)
+        columns = columns_of(asked.geometry.robot, asked.rows, asked.gravity)
         own = asked.products(columns, asked.rows.torque)
         right = np.empty((*own.count.shape, *columns.shape[1:]))
         square = np.empty(right.shape[:3])

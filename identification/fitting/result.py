@@ -93,8 +93,8 @@ class FitResult:
         """The physically feasible parameters, None if not asked for."""
         return None if self.constrained is None else self.constrained.physical
 
-    def to_model_json(self) -> dict[str, Any]:
-        """The result as `model.json` of the contract."""
+    def to_model_json(self, *, notes: bool = True) -> dict[str, Any]:
+        """The result as `model.json` of the contract. notes: whether with those, which may take longer than the fit."""
         least_squares = self.least_squares
         return {
             "format": MODEL_FORMAT,
@@ -124,7 +124,7 @@ class FitResult:
                 "torque_sign": self.torque_sign.to_json(),
                 "torque_delay": self.torque_delay.to_json(),
                 "torque_shift_s": self.torque_shift.tolist(),
-                "notes": list(self.notes),
+                "notes": list(self.notes) if notes else [],
             },
         }
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from fixtures.physics import iiwa14_table_three
 from identification.physical_parameters import PhysicalParameters
@@ -135,6 +136,19 @@ def test_compare_weighs_a_load_far_from_its_link_with_its_inertia(planar: Path) 
     assert low < 1.2 < high
     assert high - low < 0.2
     assert sum(change["audit"]["rms_after_nm"]) < 0.1
+
+
+def test_compare_says_what_the_recording_may_be_that_the_others_are_compared_with(
+    planar: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(planar / "bare.npz") as bare:
+        smooth = sosfiltfilt(butter(2, 1.0, fs=100.0, output="sos"), bare["tau"], axis=0)
+        np.savez(planar / "smooth.npz", **{**bare, "tau": smooth})
+    assert run("compare", str(planar / "smooth.npz"), str(planar / "tool.npz")) == 0
+    first = capsys.readouterr().err
+    assert run("compare", str(planar / "bare.npz"), str(planar / "tool.npz")) == 0
+    assert "low-passed before they were recorded" in first
+    assert "low-passed before" not in capsys.readouterr().err
 
 
 def test_a_series_is_of_recordings_as_they_have_to_be_read(planar: Path) -> None:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from identification.excitation import FourierTrajectory
 from tests.end_to_end.processes import fake_robot, iiwa_ident
 from tests.ports import free_udp_port
 from tests.short_motion import short_trajectory
@@ -21,12 +23,17 @@ LOAD = (2.5, 0.02, -0.015, 0.09)
 
 def recorded(folder: Path, name: str, *options: object, load: tuple[float, ...] = (0.0,) * 4) -> Path:
     physics, port = folder / f"{name}.yaml", free_udp_port()
-    physics.write_text(f"load_kg_m: {list(load)}\ncabinet_load_kg_m: {list(load)}\n")
+    motion = short_trajectory(folder / "motion.json", period_s=4.0, scale=0.4, offset=None)
+    # Near where the second of lead-in begins: a ramp from afar would be as long as the motion.
+    begin = FourierTrajectory.from_json(json.loads(motion.read_text())).evaluate(np.array([-1.0]))[0][0] + 0.02
+    physics.write_text(
+        f"load_kg_m: {list(load)}\ncabinet_load_kg_m: {list(load)}\ninitial_position_rad: {begin.tolist()}\n"
+    )
     seed = sum(map(ord, name))
     with fake_robot(port, folder / f"{name}.json", "--lockstep", "--seed", seed, "--physics", physics):
         result = iiwa_ident(
             "run",
-            short_trajectory(folder / "motion.json", period_s=4.0, scale=0.4, offset=None),
+            motion,
             "--periods",
             1,
             "--bind",

@@ -166,7 +166,7 @@ def test_a_fit_follows_joints_that_follow(name: str, fitted: tuple[Path, dict[st
     folder, results = fitted
     result = results[name]
     driven = list(result.robot.driven)
-    model = read_model(write_model(result.to_model_json(), folder / f"{name}.json"))
+    model = read_model(write_model(result.to_model_json(notes=False), folder / f"{name}.json"))
     table = validate_model(model, [read_recording(recorded(folder, name, 2), model_robot=model.load_robot())])
     for row in table.rows:
         assert np.all(row.rms_nm[driven] < 2.0 * NOISE_NM), row.label
@@ -195,7 +195,7 @@ def test_what_cannot_follow_says_so_in_a_sentence(
     fitted: tuple[Path, dict[str, FitResult]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, results = fitted
-    model = read_model(write_model(results["arm"].to_model_json(), folder / "refused.json"))
+    model = read_model(write_model(results["arm"].to_model_json(notes=False), folder / "refused.json"))
     with pytest.raises(RobotError, match=r"'thumb' follows 'finger', which moves.*--lock finger=0"):
         export_model(model, folder / "out.urdf", "urdf")
     with pytest.raises(RobotError, match="cannot diagnose"):

@@ -51,7 +51,7 @@ WITH_PERIODS = (
 
 
 def _written(fit: FitResult, folder: Path) -> Model:
-    return read_model(write_model(fit.to_model_json(), folder / "model.json"))
+    return read_model(write_model(fit.to_model_json(notes=False), folder / "model.json"))
 
 
 @pytest.mark.parametrize("options", WITHOUT_PERIODS, ids=str)

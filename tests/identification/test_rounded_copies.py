@@ -73,13 +73,14 @@ def test_the_file_of_a_model_knows_rounded_copies(tmp_path: Path) -> None:
     run = read_recording(recording_file(f"{name}.npz"))
     robot = load_robot(recording_file(ARM_OF[name]))
     for fitted in (run, written(run, "%.4f")):
-        model = read_model(write_model(fit_recordings([fitted], robot).to_model_json(), tmp_path / "model.json"))
+        fit = fit_recordings([fitted], robot)
+        model = read_model(write_model(fit.to_model_json(notes=False), tmp_path / "model.json"))
         for copy, make in COPIES.items():
             assert model.fitted_among([make(run)]), copy
         assert model.fitted_among([run])
         late = run.rows(run.time > 14.0)
         early = fit_recordings([run.rows(run.time < 14.0)], robot)
-        model = read_model(write_model(early.to_model_json(), tmp_path / "early.json"))
+        model = read_model(write_model(early.to_model_json(notes=False), tmp_path / "early.json"))
         assert not model.fitted_among([written(late, "%.4f")])
 
 

@@ -99,7 +99,7 @@ def test_a_slower_recording_is_compared_up_to_what_its_rate_allows(tmp_path: Pat
     """The band of the fit did not fit it, and the refusal advised another one, which nobody can give here."""
     first, second = (read_recording(recording_file(f"emps_{name}.npz")) for name in "ab")
     robot = load_robot(recording_file("emps.urdf"))
-    data = fit_recordings([first], robot, replace(BASE_ONLY, low_pass_hz=20.0)).to_model_json()
+    data = fit_recordings([first], robot, replace(BASE_ONLY, low_pass_hz=20.0)).to_model_json(notes=False)
     if effects:
         model = {"other_joint": None, "shape": {}, "coefficients": [0.0]}
         data["effects"] = [{"effect": "asymmetric_viscous_friction", "joint": 1, "link": None, "model": model}]

@@ -48,7 +48,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     folder = tmp_path_factory.mktemp("plane")
     first = recorded(folder, 1)
     result = fit_recordings([first], load_robot(folder / "plane.urdf"), FitSettings(physical=False))
-    return read_model(write_model(result.to_model_json(), folder / "model.json"))
+    return read_model(write_model(result.to_model_json(notes=False), folder / "model.json"))
 
 
 def test_more_friction_is_named(model: Model, tmp_path: Path) -> None:

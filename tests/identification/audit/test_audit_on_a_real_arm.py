@@ -258,7 +258,7 @@ def heavy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Bench]:
     runs = [read_recording(recording_file(file)) for file in ("kr300_a.npz", "kr300_b.npz")]
     robot = load_robot(recording_file("kr300.urdf"))
     settings, there = FitSettings(physical=False, check_torque_sign=False), tmp_path_factory.mktemp("model")
-    models = [fit_recordings([run], robot, settings).to_model_json() for run in runs]
+    models = [fit_recordings([run], robot, settings).to_model_json(notes=False) for run in runs]
     first, second = (read_model(write_model(model, there / f"{k}.json")) for k, model in enumerate(models))
     return Bench(robot, first, runs[1]), Bench(robot, second, runs[0])
 

@@ -48,7 +48,7 @@ def recorded(folder: Path, seed: int, mass: float = 0.0, height: float = 0.0) ->
 def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     folder = tmp_path_factory.mktemp("model")
     result = fit_recordings([recorded(folder, 31)], load_robot("iiwa14"), FitSettings(physical=False))
-    return read_model(write_model(result.to_model_json(), folder / "model.json"))
+    return read_model(write_model(result.to_model_json(notes=False), folder / "model.json"))
 
 
 @pytest.mark.parametrize(("seed", "mass", "height"), [(32, 3.0, 0.15), (33, 1.0, 0.1), (34, 2.0, 0.2), (35, 0.5, 0.15)])

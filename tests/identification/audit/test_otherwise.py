@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
+from identification.audit.held_out import Asked
 from identification.audit.otherwise import may_be_read_otherwise, other_reading
+from identification.audit.rows import rows_of
 from identification.fitting.settings import FitSettings
 from identification.mismatch.set_up import set_up_checks
 from identification.physical_parameters import PhysicalParameters
@@ -67,6 +69,21 @@ def test_real_recordings_are_what_they_state(name: str) -> None:
 
 def test_a_sound_recording_is_what_it_states(sound: Recording, arm: RobotModel) -> None:
     assert other_reading(sound, arm) is None
+
+
+def test_a_reading_is_asked_no_further_than_it_may_still_be_as_likely_as_another(
+    sound: Recording, arm: RobotModel
+) -> None:
+    """Truth: the whole score. What the fold that ends it leaves is less likely already, and every fold leaves more."""
+    asked = Asked.of(rows_of([sound]), arm)
+    stated = asked.of_reading(asked.columns)
+    for joint in range(7):
+        torque = of_joint(joint + 1, lambda values: -values)(asked.rows.torque.copy())
+        whole, short = (asked.of_reading(asked.columns, torque, least=least) for least in (-np.inf, stated.nats))
+        assert whole.nats <= short.nats < stated.nats
+        assert np.all(short.square <= whole.square)
+        same = asked.of_reading(asked.columns, torque, least=whole.nats)
+        assert same.nats == whole.nats
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def recorded(
 def fitted(folder: Path) -> Model:
     robot = load_robot(folder / "arm.urdf")
     result = fit_recordings([recorded(folder, 4)], robot, FitSettings(physical=False))
-    return read_model(write_model(result.to_model_json(), folder / "model.json"))
+    return read_model(write_model(result.to_model_json(notes=False), folder / "model.json"))
 
 
 def asked(folder: Path, recording: Recording, model: Model | str = "arm.urdf", robot: str = "arm.urdf") -> Audit:

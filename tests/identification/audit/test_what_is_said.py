@@ -42,7 +42,7 @@ def recorded(folder: Path, seed: int, stribeck_nm: np.ndarray | float = 0.0, wid
 def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     folder = tmp_path_factory.mktemp("model")
     result = fit_recordings([recorded(folder, 21)], load_robot("iiwa14"), FitSettings(physical=False))
-    return read_model(write_model(result.to_model_json(), folder / "model.json"))
+    return read_model(write_model(result.to_model_json(notes=False), folder / "model.json"))
 
 
 def test_no_difference_is_said_that_explains_nothing(model: Model, tmp_path: Path) -> None:

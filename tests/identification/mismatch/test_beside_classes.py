@@ -47,7 +47,7 @@ def validated(
     """What `validate` finds on another recording of the user's fit, and of the model that a diagnosis leaves."""
     rows = []
     for model in (
-        fit_recordings([fitted], robot, FitSettings(physical=False)).to_model_json(),
+        fit_recordings([fitted], robot, FitSettings(physical=False)).to_model_json(notes=False),
         extended_model(diagnosis, [fitted], robot),
     ):
         write_model(model, folder / "model.json")

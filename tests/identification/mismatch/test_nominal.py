@@ -20,6 +20,8 @@ from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
+READS_NOTES = True
+
 FloatArray = npt.NDArray[np.float64]
 BASE_ONLY = FitSettings(physical=False)
 
@@ -44,7 +46,7 @@ def diagnosis(
     recording: Recording, fit: FitResult, iiwa14: RobotModel, tmp_path_factory: pytest.TempPathFactory
 ) -> Diagnosis:
     """Of the recording, against the user's own model of it."""
-    model = read_model(write_model(fit.to_model_json(), tmp_path_factory.mktemp("fit") / "model.json"))
+    model = read_model(write_model(fit.to_model_json(notes=False), tmp_path_factory.mktemp("fit") / "model.json"))
     return diagnose([recording], iiwa14, model=model)
 
 

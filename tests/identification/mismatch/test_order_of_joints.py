@@ -28,6 +28,8 @@ from tests.identification.exported import random_arm, random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
+READS_NOTES = True
+
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
 def test_two_torques_exchanged_on_an_arm_of_three_joints_are_told(seed: int, tmp_path: Path) -> None:
@@ -89,7 +91,8 @@ def test_beside_a_model_two_exchanged_positions_are_named_and_nothing_else_and_f
     """A leaning base, a scale and another link 3 were named, and `fit` said nothing of the order."""
     recording, robot = measured("ur10.npz")
     settings = FitSettings(physical=False)
-    model = read_model(write_model(fit_recordings([recording], robot, settings).to_model_json(), tmp_path / "m.json"))
+    fit = fit_recordings([recording], robot, settings)
+    model = read_model(write_model(fit.to_model_json(notes=False), tmp_path / "m.json"))
     assert audit([recording], robot, model).differences == ()
     # Of 1 and 4 the torques, too, seem to stand in another order.
     for pair in ((1, 2), (1, 4), (3, 4)):
@@ -147,7 +150,8 @@ def test_no_other_order_is_seen_in_the_recording_of_a_real_arm(file: str) -> Non
 def test_real_joints_in_another_order_are_told_alone_and_beside_a_model(tmp_path: Path) -> None:
     recording, robot = measured("ur10.npz")
     settings = FitSettings(physical=False)
-    model = read_model(write_model(fit_recordings([recording], robot, settings).to_model_json(), tmp_path / "m.json"))
+    fit = fit_recordings([recording], robot, settings)
+    model = read_model(write_model(fit.to_model_json(notes=False), tmp_path / "m.json"))
     columns = (2, 1, 3, 5, 4, 6)
     order = np.array(columns) - 1
     spoilt = replace(recording, position=recording.position[:, order], torque=recording.torque[:, order])

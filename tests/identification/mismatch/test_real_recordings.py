@@ -32,6 +32,8 @@ from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot
 from tests.reference import recording_file
 
+READS_NOTES = True
+
 
 def _diagnosed(*files: str, heldout: tuple[str, ...] = ()) -> tuple[Diagnosis, np.ndarray]:
     """The diagnosis, and the RMS torque of each joint of what was held out."""
@@ -177,7 +179,7 @@ def _on_the_last_third(folder: Path, file: str, robot_file: str) -> TwoThirds:
         parts.append(read_recording(folder / f"{name}.npz", robot=robot))
     first, last = parts
     diagnosis = diagnose([first], robot)
-    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json()
+    plain = fit_recordings([first], robot, FitSettings(physical=False)).to_model_json(notes=False)
     rms = []
     for name, data in (("plain", plain), ("extended", extended_model(diagnosis, [first], robot))):
         write_model(data, folder / f"{name}.json")

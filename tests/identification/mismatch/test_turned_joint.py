@@ -24,6 +24,8 @@ from tests.identification.mismatch.test_order_of_joints import ARMS, measured
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
+READS_NOTES = True
+
 
 def turned(recording: Recording, joint: int, *names: str) -> Recording:
     """Columns of one joint, from 1, with the other sign."""
@@ -131,7 +133,7 @@ def test_a_turned_joint_of_a_real_arm_is_named() -> None:
 def ur10_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     recording, robot = measured("ur10.npz")
     file = tmp_path_factory.mktemp("ur10") / "model.json"
-    return read_model(write_model(fit_recordings([recording], robot).to_model_json(), file))
+    return read_model(write_model(fit_recordings([recording], robot).to_model_json(notes=False), file))
 
 
 @pytest.mark.parametrize("joint", [None, 2, 3, 4, 6])
