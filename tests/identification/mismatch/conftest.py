@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
-from identification import recording_fit
 from identification.base_parameters import BaseRegressor
 from identification.mismatch.diagnosis import diagnose
 from identification.mismatch.evidence import Evidence
@@ -23,19 +20,6 @@ def spring_and_stribeck(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np
     del torque
     stribeck = 0.3 * np.exp(-((dq[:, 0] / 0.05) ** 2)) * np.sign(dq[:, 0])
     return on_joint(6, 0.4 * (q[:, 5] - 0.3)) + on_joint(1, stribeck)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def notes_where_they_are_read(request: pytest.FixtureRequest) -> Iterator[None]:
-    """What else a recording may be is asked for the notes of its fit, a sixth of a diagnosis; no plant here reads that.
-
-    A room with recordings of real arms, or about what recordings are, says `READS_NOTES = True`.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        if not getattr(request.module, "READS_NOTES", False):
-            nothing = recording_fit._Misread("", "", "", ())
-            patch.setattr(recording_fit._Misread, "of", lambda *_, **__: nothing)
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -21,8 +21,6 @@ from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 FEW = settings(
     max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -16,8 +16,6 @@ from identification.robots import RobotModel
 from tests.identification.mismatch.plant import NOISE_NM, PERIOD_S, SAMPLES, on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics
 
-READS_NOTES = True
-
 
 def finding_of(diagnosis: Diagnosis, effect: str, joint: int | None) -> Finding:
     return next(item for item in diagnosis.findings if (item.effect, item.place.joint) == (effect, joint))

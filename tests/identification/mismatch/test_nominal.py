@@ -20,8 +20,6 @@ from identification.robots import RobotModel
 from tests.identification.mismatch.plant import on_joint, record
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 
-READS_NOTES = True
-
 FloatArray = npt.NDArray[np.float64]
 BASE_ONLY = FitSettings(physical=False)
 

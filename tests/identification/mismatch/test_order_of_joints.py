@@ -28,8 +28,6 @@ from tests.identification.exported import random_arm, random_bodies
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
 def test_two_torques_exchanged_on_an_arm_of_three_joints_are_told(seed: int, tmp_path: Path) -> None:

@@ -12,8 +12,6 @@ from identification.robots import load_robot
 from tests.identification.synthetic import recording_of
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 PERIOD_S, SAMPLES = 4.0, 400
 
 

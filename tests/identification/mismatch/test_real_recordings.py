@@ -32,8 +32,6 @@ from identification.recordings.reader import robot_of
 from identification.robots import RobotModel, load_robot
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 
 def _diagnosed(*files: str, heldout: tuple[str, ...] = ()) -> tuple[Diagnosis, np.ndarray]:
     """The diagnosis, and the RMS torque of each joint of what was held out."""

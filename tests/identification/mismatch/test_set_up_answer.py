@@ -22,8 +22,6 @@ from identification.report.document import Table
 from identification.robots import Installation, RobotModel, load_robot
 from tests.identification.mismatch.plant import NOISE_NM, on_joint, record
 
-READS_NOTES = True
-
 LEAN = np.radians(40.0)
 GRAVITY = (float(9.81 * np.sin(LEAN)), 0.0, float(-9.81 * np.cos(LEAN)))
 

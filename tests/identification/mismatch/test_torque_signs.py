@@ -29,8 +29,6 @@ from tests.identification.mismatch.conftest import spring_and_stribeck
 from tests.identification.mismatch.plant import record
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 SEED = 52000
 BACKGROUND, SLOW = 19, 26
 

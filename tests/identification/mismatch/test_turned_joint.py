@@ -24,8 +24,6 @@ from tests.identification.mismatch.test_order_of_joints import ARMS, measured
 from tests.identification.synthetic import fourier_motion, inverse_dynamics, recording_of
 from tests.reference import recording_file
 
-READS_NOTES = True
-
 
 def turned(recording: Recording, joint: int, *names: str) -> Recording:
     """Columns of one joint, from 1, with the other sign."""
