@@ -29,6 +29,7 @@ from identification.audit.rows import Rows, rows_of
 from identification.audit.scales import factor_of, weighted_by_odds
 from identification.audit.signs import require_stated_signs
 from identification.errors import EstimationError, RecordingError
+from identification.fitting.agreement import serial_numbers
 from identification.fitting.drives import CLEAR
 from identification.fitting.processing import SMALLEST_MOTION
 from identification.mismatch.settings import CAPTURE
@@ -88,10 +89,11 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
 
     In the flange's frame where the robot has one on its last link, else in that link's.
     Raises RecordingError for recordings at rest or too short, for one that is given twice, for one whose torque has the
-    wrong sign and for one that has to be read otherwise (`other_reading`), EstimationError where no load can be seen,
-    it is beyond reason, or one does not describe them.
+    wrong sign, for one that has to be read otherwise (`other_reading`) and for those of two arms, EstimationError where
+    no load can be seen, it is beyond reason, or one does not describe them.
     """
     refuse_followers(robot, "weigh a load on")
+    _refuse_other_arm([*without, *with_load])
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
     flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
@@ -143,6 +145,14 @@ def _refuse_undescribed(without: float, with_load: float, load: float, unit: str
         f"together), and {least:.3g} {unit} of the others. Something changed while they were recorded, such as a tool "
         "picked up or put down, or the two sides are of different arms. Record them again."
     )
+
+
+def _refuse_other_arm(recordings: Sequence[Recording]) -> None:
+    if len(arms := serial_numbers(recordings)) > 1:
+        raise RecordingError(
+            f"The logs are of {len(arms)} arms (serial numbers {', '.join(arms)}), which differ by more than a tool: "
+            "record one arm without and with it."
+        )
 
 
 def _refuse_two_arms(left: Sequence[float], alone: FloatArray, load: float, robot: RobotModel) -> None:

@@ -45,11 +45,16 @@ def notes_on_agreement(blocks: Sequence[Block], values: FloatArray, names: Seque
 
 def notes_on_arms(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """A warning where logs state the serial numbers of different arms."""
-    stated = dict.fromkeys(filter(None, (item.source.metadata.get("serial") for item in recordings)))
-    if len(stated) < 2:
+    arms = serial_numbers(recordings)
+    if len(arms) < 2:
         return ()
-    said = f"WARNING, the recordings are of {len(stated)} arms (serial numbers {', '.join(stated)})"
+    said = f"WARNING, the recordings are of {len(arms)} arms (serial numbers {', '.join(arms)})"
     return (f"{said}: what is fitted to them together is the arm of none. Fit them one by one",)
+
+
+def serial_numbers(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Each once, in their order, of the recordings that state one."""
+    return tuple(dict.fromkeys(filter(None, (item.source.metadata.get("serial") for item in recordings))))
 
 
 def _times_its_own(blocks: Sequence[Block], values: FloatArray) -> FloatArray:

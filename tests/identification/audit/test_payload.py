@@ -195,6 +195,15 @@ def test_two_arms_of_as_many_joints_have_no_load_between_them(
         weighed(iiwa14, recorded(None, 1), recording_of(position, torque, period_s=20.0))
 
 
+def test_logs_of_two_serial_numbers_are_refused(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
+    logs = [
+        replace(item, source=replace(item.source, metadata={"serial": serial}))
+        for item, serial in ((recorded(None, 1), "A1"), (recorded(body_of(2.5, (0.02, -0.015, 0.09)), 2), "B2"))
+    ]
+    with pytest.raises(RecordingError, match=r"2 arms \(serial numbers A1, B2\)"):
+        weighed(iiwa14, *logs)
+
+
 def test_the_intervals_hold_as_often_as_they_say(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
     generator = np.random.default_rng(20261122)
     held, squares, shares = [], [], []
