@@ -197,7 +197,8 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
         name = Path(model.path or "the model").name
     rows = rows_of(recordings, regressor.options.coulomb_velocity)
     given = _Given.beside(rows, robot, source, regressor, called or name)
-    return replace(given, geometry=as_friction_turns_over(given.geometry, given.set_up, given.sizes, given.model))
+    (geometry,) = as_friction_turns_over([given.geometry], given.set_up, given.sizes)
+    return replace(given, geometry=geometry)
 
 
 def _too_wide(given: _Given) -> bool:
