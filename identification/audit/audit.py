@@ -14,7 +14,7 @@ import numpy as np
 from identification.arrays import FloatArray
 from identification.audit.basis import Explanation
 from identification.audit.columns import Geometry, SetUp
-from identification.audit.comparison import LEAST_GAIN, REPORT, as_friction_turns_over
+from identification.audit.comparison import LEAST_GAIN, REPORT
 from identification.audit.difference import Audit, Difference
 from identification.audit.given import WIDEST, GivenModel, Sizes, given_model, sizes_of
 from identification.audit.held_out import Asked
@@ -196,9 +196,7 @@ def _prepared(recordings: Sequence[Recording], robot: RobotModel, model: Model |
         regressor, source = model.regressor(robot), model
         name = Path(model.path or "the model").name
     rows = rows_of(recordings, regressor.options.coulomb_velocity)
-    given = _Given.beside(rows, robot, source, regressor, called or name)
-    (geometry,) = as_friction_turns_over([given.geometry], given.set_up, given.sizes)
-    return replace(given, geometry=geometry)
+    return _Given.beside(rows, robot, source, regressor, called or name)
 
 
 def _too_wide(given: _Given) -> bool:
