@@ -76,7 +76,7 @@ def examine(
     with measured_wake_ups(listen_s) as woken:
         try:
             observation = observe_link(bind_host, bind_port, listen_s, mirror)
-            checks.append(DoctorCheck("port", "ok", f"UDP port {bind_port} on {bind_host} is free."))
+            checks.append(_port_bound(bind_host, bind_port))
         except OSError as error:
             checks.append(_port_refused(bind_host, bind_port, error))
         held_up = host_checks.check_wake_ups(woken(), at_robot=not bind_host.startswith("127."))
@@ -152,6 +152,15 @@ def _interface_check(interface: str, host: str) -> DoctorCheck:
         sentence += f" {interface} is a USB adapter, which delays messages irregularly."
         return DoctorCheck(name, "warning", sentence, "use a network card of this machine.")
     return DoctorCheck(name, "ok", sentence)
+
+
+def _port_bound(host: str, port: int) -> DoctorCheck:
+    if (own := port_holders().get(port)) is None:
+        return DoctorCheck("port", "ok", f"UDP port {port} on {host} is free.")
+    # Between two jobs a service has no socket, and its lock refuses every other run.
+    sentence = f"UDP port {port} on {host} is kept by another iiwa-ident (process {own}), which does not listen now."
+    remedy = "queue the run there (`iiwa-ident submit`), or end that process: no other run starts at this port."
+    return DoctorCheck("port", "warning", sentence, remedy)
 
 
 def _port_refused(host: str, port: int, error: OSError) -> DoctorCheck:

@@ -6,6 +6,7 @@ a new computation, but for the zeros of the joints.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,6 +65,12 @@ class Geometry:
     def at(self, zeros: FloatArray) -> Geometry:
         """The same rows with other zeros of the joints."""
         return self if np.array_equal(zeros, self.zeros) else Geometry(self.robot, self.rows, zeros)
+
+    def turning_over(self, direction: FloatArray) -> Geometry:
+        """The same rows with Coulomb friction by another direction (R, n)."""
+        result = copy(self)
+        result.rows = replace(self.rows, direction=direction)
+        return result
 
     def columns(self, gravity: FloatArray, ratio: float = 1.0) -> FloatArray:
         """(R, n, 14 n) torque per unit of every parameter."""

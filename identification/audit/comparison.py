@@ -5,11 +5,12 @@ Here: the rows of a set-up turned into products. Not here: what is tried (`searc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.arrays import FloatArray, IntArray
+from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.audit.columns import GRAVITY, Geometry, SetUp, across
 from identification.audit.evidence import Products, posterior, products_of, repeated_rows
 from identification.audit.given import GivenModel, Sizes, wide_open
@@ -112,6 +113,15 @@ def noise_of(
     beside: (R, n, m) Nm of what is free besides, of the size of the torque. Where that is many times what the model
     left of its own recordings, it is no noise but what is wrong here.
     """
+    std, left, used = _left_by_all(geometry, set_up, sizes, beside)
+    usual = np.where(np.isfinite(model.left), MOST_NOISE * model.left, np.inf)
+    return Noise(np.minimum(std, np.maximum(usual, sizes.least_noise)), repeated_rows(left, used))
+
+
+def _left_by_all(
+    geometry: Geometry, set_up: SetUp, sizes: Sizes, beside: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """(n,) Nm RMS, and (R, n) Nm, that all parameters leave; (R, n) of which rows. beside: as of `noise_of`."""
     geometry = geometry.at(set_up.zeros)
     rows = geometry.rows
     columns = geometry.columns(set_up.gravity, set_up.ratio)
@@ -129,8 +139,20 @@ def noise_of(
         left = np.where(rows.used, measured - columns @ values, 0.0)
         std = np.sqrt((left**2).sum(axis=0) / np.maximum(rows.used.sum(axis=0), 1))
         std = np.maximum(std, sizes.least_noise)
-    usual = np.where(np.isfinite(model.left), MOST_NOISE * model.left, np.inf)
-    return Noise(np.minimum(std, np.maximum(usual, sizes.least_noise)), repeated_rows(left, rows.used))
+    return std, left, rows.used
+
+
+def as_friction_turns_over(geometries: Sequence[Geometry], set_up: SetUp, sizes: Sizes) -> list[Geometry]:
+    """Rows with friction of each joint that turns over at once, or gently: as all parameters fitted anew leave less.
+
+    A width that is wrong misfits at every reversal, most of all on a slow joint, and what it leaves hides a change, or
+    looks like one.
+    """
+    gently, at_once = (
+        sum(np.log(_left_by_all(each, set_up, sizes)[0]) for each in asked)
+        for asked in (geometries, [each.turning_over(each.rows.sharp) for each in geometries])
+    )
+    return [each.turning_over(np.where(at_once < gently, each.rows.sharp, each.rows.direction)) for each in geometries]
 
 
 def turned(set_up: SetUp, layout: Layout, place: int, values: FloatArray) -> SetUp:

@@ -19,11 +19,10 @@ from identification.base_parameters import BaseRegressor
 from identification.estimators.prior import uniform_bodies
 from identification.model_file import Model
 from identification.robots.model import RobotModel
+from identification.robots.simulator_models import DRAWN
 
 MASS_OPEN, REST_OPEN = 3.0, 5.0
 """How wide a parameter is that nobody knows, in sizes of its link."""
-DRAWN = 0.05
-"""Of a link's size that a drawing is off by."""
 DAILY_FRICTION = 0.1
 """Of a joint's friction by which it differs from day to day."""
 DAILY_OFFSET = 0.02

@@ -17,8 +17,8 @@ from identification.arrays import BoolArray, FloatArray
 from identification.audit.audit import STILL_ITS_OWN
 from identification.audit.basis import root_of
 from identification.audit.colour import Colour, colour_of
-from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry
-from identification.audit.comparison import ALL, LEAST_GAIN, PARTS
+from identification.audit.columns import INERTIAL, PARAMETERS, SYMBOLS, Geometry, SetUp
+from identification.audit.comparison import ALL, LEAST_GAIN, PARTS, as_friction_turns_over
 from identification.audit.difference import Number, numbers_of
 from identification.audit.evidence import Products, log_evidence, posterior, products_of
 from identification.audit.given import DAILY_FRICTION, DAILY_OFFSET, DRIVE, WIDEST, Sizes, sizes_of, wide_open
@@ -102,6 +102,8 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     require_stated_signs([*without, *with_load], robot, "no load can be weighed with it")
     _refuse_misread([*without, *with_load], robot)
     sizes = sizes_of(robot, runs[0])
+    turning = as_friction_turns_over([Geometry(robot, rows) for rows in runs], SetUp.of(robot), sizes)
+    runs = [each.rows for each in turning]
     columns = [_columns(robot, rows, loaded) for loaded, rows in enumerate(runs)]
     width = _prior(sizes, robot.n, [last.link], _widest(sizes))
     products, weight, every = _fitted(runs, columns, width, sizes)

@@ -35,7 +35,7 @@ SHARE_OF_SPEED = 0.05
 FEWEST_ROWS = 40
 REPEATED = 4.0
 """Neighbouring rows that count as one where their colour is not asked."""
-MOTION = "position", "velocity", "acceleration", "direction"
+MOTION = "position", "velocity", "acceleration", "direction", "sharp"
 _ARRAYS = *MOTION, "torque", "torque_rate", "used", "block"
 
 
@@ -69,7 +69,8 @@ class Smooth:
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """R rows of n joints. position, velocity, acceleration: (R, n) rad, rad/s, rad/s². direction: (R, n), of Coulomb
-    friction, −1 to 1. torque, torque_rate: (R, n) Nm, Nm/s. used: (R, n), false where a joint stands still. block:
+    friction, −1 to 1; sharp: where it turns over at once and no model says otherwise. torque, torque_rate: (R, n) Nm,
+    Nm/s. used: (R, n), false where a joint stands still. block:
     (R,) which stretch of time a row is in. spacing_s: distance of neighbours. smooth: the torque of every stretch, from
     which a later one is taken. clock_known: whether every recording has a velocity that goes with its positions.
     """
@@ -78,6 +79,7 @@ class Rows:
     velocity: FloatArray
     acceleration: FloatArray
     direction: FloatArray
+    sharp: FloatArray
     torque: FloatArray
     torque_rate: FloatArray
     used: BoolArray
@@ -137,7 +139,8 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: Widths = 0.0) -> 
         duration = min(BLOCK_S, recording.duration_s / FEWEST_BLOCKS)
         measured = np.ptp(recording.torque, axis=0) > 0.0
         pieces = process_aperiodic(recording, low_pass_hz)
-        width = np.where(np.asarray(coulomb_velocity) > 0.0, coulomb_velocity, _width_of(pieces))
+        said = np.asarray(coulomb_velocity) > 0.0
+        width = np.where(said, coulomb_velocity, _width_of(pieces))
         for piece in pieces:
             first = 1 + (int(found[-1].block[-1]) if found else -1)
             smooth = Smooth.of(piece, low_pass_hz)
@@ -148,7 +151,8 @@ def rows_of(recordings: Sequence[Recording], coulomb_velocity: Widths = 0.0) -> 
                     piece.project(piece.position),
                     piece.project(piece.velocity),
                     piece.project(piece.acceleration),
-                    piece.project(np.tanh(piece.velocity / width)),
+                    direction := piece.project(np.tanh(piece.velocity / width)),
+                    np.where(said, direction, piece.project(np.sign(piece.velocity))),
                     torque,
                     rate,
                     piece.used & measured,

@@ -26,20 +26,23 @@ ROWS_PER_PARAMETER = 10.0
 def notes_on_agreement(blocks: Sequence[Block], values: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
     """A warning where common base parameters (p,) leave much more of a recording than its own would.
 
-    names: of the recordings, in the order of `Block.recording`.
+    Every such recording is named: which of two is the other one, these numbers do not tell. names: of the recordings,
+    in the order of `Block.recording`.
     """
     each = [[block for block in blocks if block.recording == number] for number in range(len(names))]
     if sum(any(block.fitted.any() for block in own) for own in each) < 2:
         return ()
     times = np.array([_times_its_own(own, values) for own in each])
-    worst, joint = (int(place) for place in np.unravel_index(int(np.argmax(times)), times.shape))
-    if times[worst, joint] < APART:
+    joint = int(np.argmax(times.max(axis=0)))
+    if times[:, joint].max() < APART:
         return ()
-    joints = np.flatnonzero((times >= APART).any(axis=0)) + 1
+    apart: list[int] = np.flatnonzero(times[:, joint] >= APART).tolist()
+    more = ", ".join(f"{times[number, joint]:.3g} times on {names[number]}" for number in apart)
+    joints = ", ".join(str(place + 1) for place in np.flatnonzero((times >= APART).any(axis=0)))
     return (
-        f"WARNING, the recordings do not go together: of joint {joint + 1} on {names[worst]} the common parameters "
-        f"leave {times[worst, joint]:.3g} times the RMS that its own would (all such joints: "
-        f"{', '.join(map(str, joints))}). Another load, stand, day or arm? `iiwa-ident compare` says which",
+        f"WARNING, the recordings do not go together: of joint {joint + 1} the common parameters leave more RMS than a "
+        f"recording's own would, {more} (all such joints: {joints}). Another load, stand, day or arm? "
+        "`iiwa-ident compare` says which",
     )
 
 

@@ -13,7 +13,15 @@ import numpy as np
 from identification.arrays import FloatArray, IntArray, runs_of
 from identification.errors import RecordingError
 from identification.recordings.recording import CLOCK_START, Recording
-from identification.recordings.rounded import FEWEST_ROWS, Rows, moving_rows, row_codes, rows_that_agree
+from identification.recordings.rounded import (
+    FEWEST_ROWS,
+    Rows,
+    is_no_chance,
+    moving_rows,
+    row_codes,
+    rows_that_agree,
+    share_of,
+)
 from identification.recordings.same_noise import correlation_of_noise
 from identification.remembered import once_per_object
 
@@ -164,12 +172,17 @@ def _shared(own: Recording, other: Recording, name: str, own_prints: Prints, oth
 
 
 def _running_in(known: Prints, prints: Prints) -> bool:
-    """Whether enough fingerprints, one after the other, are among known ones.
+    """Whether more fingerprints, one after the other, are among known ones than chance has it.
 
-    Single ones are by chance, where a motion that repeats is written with few decimals.
+    Where a motion that repeats is written with few decimals, samples of two runs are alike by chance: as often behind a
+    known one as the others of the two show.
     """
-    runs = runs_of(np.isin(prints, known))
-    return bool(np.diff(runs).max(initial=0) >= FEWEST_ROWS)
+    there = np.isin(prints, known)
+    first, last = max(runs_of(there).tolist(), key=lambda ends: ends[1] - ends[0], default=(0, 0))
+    others = there.copy()
+    others[first:last] = False
+    chance = share_of(others[1:][others[:-1]])
+    return last - first >= FEWEST_ROWS and is_no_chance(last - first, chance, known.size * prints.size)
 
 
 def _runs(own: Recording, other: Recording) -> list[str | None]:

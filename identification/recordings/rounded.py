@@ -127,13 +127,18 @@ def rows_that_agree(rows: Rows, recording: Recording) -> int:
     run = np.zeros_like(here)
     run[first:last] = True
     followed = (here & ~run)[:-1]  # rows that agree by chance are alone, or the data change little from row to row
-    chance = [_share(agree(apart)[run]) for apart in (-1, 1)]
-    chance += [] if run.all() else [_share((here & ~run)[1:][followed])]
+    chance = [share_of(agree(apart)[run]) for apart in (-1, 1)]
+    chance += [] if run.all() else [share_of((here & ~run)[1:][followed])]
     tried = len(thin.time) * len(dense.time)  # places to begin at, and shifts
-    return length if -length * np.log(max(chance)) > np.log(ODDS * tried) else 0
+    return length if is_no_chance(length, max(chance), tried) else 0
 
 
-def _share(true: BoolArray) -> float:
+def is_no_chance(length: int, chance: float, tried: int) -> bool:
+    """Whether rows that agree one after the other are more than one of so many tries has, each by a chance."""
+    return bool(-length * np.log(chance) > np.log(ODDS * tried))
+
+
+def share_of(true: BoolArray) -> float:
     """Of true values, with the one half that is thought of where there are none."""
     return float((true.sum() + 1) / (true.size + 2))
 

@@ -80,8 +80,12 @@ def _same_motion(own: Recording, other: Recording, width_s: float, shift: int, l
 
 
 def _in_bins(values: FloatArray, recording: Recording, width_s: float) -> FloatArray:
-    """(T, n) means of values (N, n) in steps of width_s, nan where there is none."""
-    place = ((recording.time - recording.time[0]) / width_s).astype(np.int64)
+    """(T, n) means of values (N, n) in steps of width_s, nan where there is none.
+
+    Steps begin between two samples: on one, the last digits of its stamp decide where it belongs, in all runs alike.
+    """
+    since_s = recording.time - recording.time[0] + 0.5 * recording.sampling_period_s
+    place = (since_s / width_s).astype(np.int64)
     with np.errstate(invalid="ignore"):
         return np.column_stack([np.bincount(place, column) for column in values.T]) / np.bincount(place)[:, None]
 

@@ -12,7 +12,7 @@ import logging
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
@@ -28,6 +28,10 @@ InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 STATES = 120
 SEED = 96
+FARTHEST = 2.0
+"""rad (m) from zero, of the states at which a file is asked."""
+DRAWN = 0.05
+"""Share by which what a file says of a link is off."""
 TOLERANCE = 1e-4
 """Of the largest torque: files print angles and lengths with few digits."""
 FEW_DIGITS = 1e-3
@@ -42,23 +46,41 @@ BESIDE_BODIES = {
 """MuJoCo's forces that are neither a rigid body's nor friction."""
 
 
+class _Opened(NamedTuple):
+    """Inverse dynamics under the robot's gravity; as `base_in_file`; movable joints that the robot does not know."""
+
+    torque: InverseDynamics
+    base: FloatArray
+    unknown: tuple[str, ...]
+
+
 def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArray:
     """Base parameters (p,) whose torque is that of a simulator model, friction of its joints included.
 
     Joints are taken by name, or in the order of the file where the names differ and the number is the same. Raises
-    RobotNotFoundError where there is no file, RobotError where it cannot be read, has no inertias, or moves otherwise
-    than the regressor's robot.
+    RobotNotFoundError where there is no file, RobotError where it cannot be read, has no inertias, moves otherwise
+    than the regressor's robot, or has joints besides that matter where they stand, as fingers do not.
     """
     path = Path(path)
     if not path.is_file():
         raise RobotNotFoundError.at(path, "there is no such model")
-    inverse_dynamics, _ = _opened(path, regressor.robot)
-    generator = np.random.default_rng(SEED)
-    shape = (STATES, regressor.robot.n)
-    q, dq, ddq = generator.uniform(-2.0, 2.0, shape), generator.uniform(-1.5, 1.5, shape), generator.normal(size=shape)
-    torque = np.array([inverse_dynamics(*state) for state in zip(q, dq, ddq, strict=True)])
+    opened = _opened(path, regressor.robot)
+    draw, shape = np.random.default_rng(SEED), (STATES, regressor.robot.n)
+    q, dq, ddq = draw.uniform(-FARTHEST, FARTHEST, shape), draw.uniform(-1.5, 1.5, shape), draw.normal(size=shape)
+    states = list(zip(q, dq, ddq, strict=True))
+    torque = np.array([opened.torque(*state) for state in states])
     if not np.any(np.abs(torque) > 1e-9):
         raise RobotError.at(path, "it gives no link a mass; a model to compare with needs inertias.")
+    if opened.unknown:
+        bent = _opened(path, regressor.robot, FARTHEST).torque
+        moved = np.array([bent(*state) for state in states]) - torque
+        share = np.linalg.norm(moved) / np.linalg.norm(torque)
+        if share > DRAWN:
+            raise RobotError.at(
+                path,
+                f"has {', '.join(opened.unknown)} beside the joints of {regressor.robot.name}, and {100 * share:.0f} % "
+                "of the torque depends on where they stand. Give a model of the arm that was recorded.",
+            )
     columns = regressor.matrix(q, dq, ddq).reshape(-1, regressor.size)
     scale = np.linalg.norm(columns, axis=0)
     values = np.linalg.lstsq(columns / scale, torque.ravel(), rcond=None)[0] / scale
@@ -77,7 +99,7 @@ def read_simulator_model(path: str | Path, regressor: BaseRegressor) -> FloatArr
 
 def base_in_file(path: Path, robot: RobotModel) -> FloatArray:
     """(3, 3) how the base that gravity is stated for stands in the world of a simulator model. Raises RobotError."""
-    return _opened(path, robot)[1]
+    return _opened(path, robot).base
 
 
 def read_with_drives(path: str | Path, robot: RobotModel) -> tuple[BaseRegressor, FloatArray]:
@@ -95,17 +117,17 @@ def read_with_drives(path: str | Path, robot: RobotModel) -> tuple[BaseRegressor
             raise refusal from None
 
 
-def _opened(path: Path, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
-    """Inverse dynamics under the robot's gravity, and `base_in_file`."""
+def _opened(path: Path, robot: RobotModel, others: float = 0.0) -> _Opened:
+    """A file with the joints that the robot does not know at `others`, rad (m), or the limit before it."""
     try:
         root = ElementTree.parse(path).getroot()
         match root.tag:
             case "robot":
-                return _by_pinocchio(path, root, robot)
+                return _by_pinocchio(path, root, robot, others)
             case "mujoco":
-                return _mujoco_torque(path, robot)[-2:]
+                return _mujoco_torque(path, robot, others)[-1]
             case "sdf":
-                return _by_drake(path, root, robot)
+                return _by_drake(path, root, robot, others)
     except (ElementTree.ParseError, ValueError, RuntimeError, OSError) as error:
         if isinstance(error, RobotError):
             raise
@@ -149,47 +171,58 @@ def _chosen(path: Path, names: Sequence[str], robot: RobotModel) -> list[int]:
     raise RobotError.at(path, f"has {len(names)} movable joints, {robot.name} has {robot.n}.")
 
 
+def _unknown(names: Sequence[str], chosen: Sequence[int], robot: RobotModel) -> list[int]:
+    """Places of those movable joints of a file that the robot neither has, at these places, nor holds still."""
+    held = held_in(names, robot)
+    return [place for place, name in enumerate(names) if place not in chosen and name not in held]
+
+
 def held_in(names: Collection[str], robot: RobotModel) -> dict[str, float]:
     """Those of the joints that the robot holds still that a file has too, with where they stand, rad (m)."""
     return {name: position for name, position in robot.locked_joints if name in names}
 
 
-def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
+def _by_pinocchio(path: Path, root: ElementTree.Element, robot: RobotModel, others: float) -> _Opened:
     refuse_xacro(root, path)
     model = parsed_urdf(text_of(path), bodies=True)
     names = list(model.names)[1:]
-    order = [model.joints[place + 1].idx_v for place in _chosen(path, names, robot)]
+    chosen = _chosen(path, names, robot)
+    unknown = _unknown(names, chosen, robot)
+    order = [model.joints[place + 1].idx_v for place in chosen]
     rest = np.zeros(model.nv)
+    for joint in (model.joints[place + 1] for place in unknown):
+        limits = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        rest[joint.idx_v] = others if joint.nq > joint.nv else np.clip(others, *limits)
     for name, position in held_in(names, robot).items():
         rest[model.joints[names.index(name) + 1].idx_v] = position
     stand = pinocchio.integrate(model, pinocchio.neutral(model), rest)
     jacobians = pinocchio.computeJointJacobians(model, model.createData(), stand)
     base = _base_by(_axes_of(jacobians, order), robot)
     model.gravity.linear = base @ robot.gravity_in_files
-    massless = [place for place in _chosen(path, names, robot) if model.inertias[place + 1].mass <= 0.0]
+    massless = [place for place in chosen if model.inertias[place + 1].mass <= 0.0]
     if massless and (len(massless) < robot.n or model.inertias[massless[0] + 1].mass):
         mass = model.inertias[massless[0] + 1].mass
         raise RobotError.at(
             path,
             f"what joint '{names[massless[0]]}' moves has {f'a mass of {mass:.4g} kg' if mass else 'no mass'}, "
             "so its torque is not that of an arm. Give that link its <inertial>.",
-            joint=_chosen(path, names, robot).index(massless[0]) + 1,
+            joint=chosen.index(massless[0]) + 1,
         )
     dynamics = {joint.get("name"): joint.find("dynamics") for joint in root.findall("joint")}
-    elements = [dynamics.get(names[place]) for place in _chosen(path, names, robot)]
+    elements = [dynamics.get(names[place]) for place in chosen]
     damping, friction = (
         np.array([0.0 if item is None else float(item.get(key, 0.0)) for item in elements])
         for key in ("damping", "friction")
     )
 
     rotors = _drake_rotors(root)
-    rotor = np.array([rotors.get(names[place], 0.0) for place in _chosen(path, names, robot)])
+    rotor = np.array([rotors.get(names[place], 0.0) for place in chosen])
     rigid = pinocchio_torque(model, order, rest)
 
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         return np.asarray(rigid(q, dq, ddq) + damping * dq + friction * np.sign(dq) + rotor * ddq, dtype=np.float64)
 
-    return torque, base
+    return _Opened(torque, base, tuple(names[place] for place in unknown))
 
 
 def _drake_rotors(root: ElementTree.Element) -> dict[str, float]:
@@ -229,7 +262,7 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
     """Which forces, Nm above `least` at these states, an MJCF has that bodies and friction have not; '' for none."""
     if ElementTree.parse(path).getroot().tag != "mujoco":
         return ""
-    model, data, order, torque, _ = _mujoco_torque(path, robot)
+    model, data, order, (torque, *_) = _mujoco_torque(path, robot)
     by_actuator = model.jnt_actgravcomp[model.dof_jntid[order]].astype(bool)
     largest = dict.fromkeys(BESIDE_BODIES, 0.0)
     for state in zip(*states, strict=True):
@@ -243,8 +276,8 @@ def _beside_bodies(path: Path, robot: RobotModel, states: tuple[FloatArray, ...]
     return f"the file also has {' and '.join(found)}. Take them out of a copy." if found else ""
 
 
-def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray, InverseDynamics, FloatArray]:
-    """MuJoCo's model and data, which degrees of freedom the robot's joints are, the inverse dynamics, and the base."""
+def _mujoco_torque(path: Path, robot: RobotModel, others: float = 0.0) -> tuple[Any, Any, FloatArray, _Opened]:
+    """MuJoCo's model and data, which degrees of freedom the robot's joints are, and what `_opened` hands back."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -255,13 +288,18 @@ def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray,
     model.dof_frictionloss[:] = 0.0
     data, moving = mujoco.MjData(model), (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joints = [joint for joint in range(model.njnt) if model.jnt_type[joint] in moving]
-    places = _chosen(path, [model.joint(joint).name for joint in joints], robot)
+    names = [model.joint(joint).name for joint in joints]
+    places = _chosen(path, names, robot)
+    unknown = _unknown(names, places, robot)
     order, position = (
         address[[joints[place] for place in places]] for address in (model.jnt_dofadr, model.jnt_qposadr)
     )
 
     data.qpos[position] = 0.0
-    for name, stands in held_in([model.joint(joint).name for joint in joints], robot).items():
+    for joint in (joints[place] for place in unknown if others):
+        limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
+        data.qpos[model.jnt_qposadr[joint]] = np.clip(others, *limits)
+    for name, stands in held_in(names, robot).items():
         data.qpos[model.joint(name).qposadr] = stands
     mujoco.mj_kinematics(model, data)
     base = _base_by(data.xaxis[[joints[place] for place in places]], robot)
@@ -272,16 +310,21 @@ def _mujoco_torque(path: Path, robot: RobotModel) -> tuple[Any, Any, FloatArray,
         mujoco.mj_inverse(model, data)
         return np.asarray(data.qfrc_inverse[order] + friction[order] * np.sign(dq), dtype=np.float64)
 
-    return model, data, order, torque, base
+    return model, data, order, _Opened(torque, base, tuple(names[place] for place in unknown))
 
 
-def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple[InverseDynamics, FloatArray]:
+def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel, others: float) -> _Opened:
     if importlib.util.find_spec("pydrake") is None:
         raise RobotError.at(path, "SDF is read by Drake, which is not installed (pip install drake).")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of dry friction, which is read below
     plant, joints = drake_plant(path, root)
-    rest = drake_rest(plant, joints, robot)
-    joints = [joints[place] for place in _chosen(path, [joint.name() for joint in joints], robot)]
+    rest, names = drake_rest(plant, joints, robot), [joint.name() for joint in joints]
+    chosen = _chosen(path, names, robot)
+    unknown = [joints[place] for place in _unknown(names, chosen, robot)]
+    for joint in unknown:
+        start = joint.position_start()
+        rest[start : start + 1] = np.clip(others, joint.position_lower_limits(), joint.position_upper_limits())
+    joints = [joints[place] for place in chosen]
     order = [joint.velocity_start() for joint in joints]
     base = _base_by(_drake_axes(plant, joints, rest), robot)
     plant.mutable_gravity_field().set_gravity_vector(base @ robot.gravity_in_files)
@@ -293,7 +336,7 @@ def _by_drake(path: Path, root: ElementTree.Element, robot: RobotModel) -> tuple
     def torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         return np.asarray(rigid(q, dq, ddq) + friction * np.sign(dq), dtype=np.float64)
 
-    return torque, base
+    return _Opened(torque, base, tuple(joint.name() for joint in unknown))
 
 
 def drake_rest(plant: Any, joints: Sequence[Any], robot: RobotModel) -> FloatArray:

@@ -211,7 +211,7 @@ def compare_with_recording(
         compared=measured.evaluated,
         noise_floor_nm=measured.noise_floor_nm,
         result=result,
-        sentences=(*sentences, controller.sentence()),
+        sentences=(*sentences, controller.sentence(), *filter(None, [result.chatter])),
     )
 
 
@@ -241,7 +241,7 @@ def compare_with_plan(
         compared=np.ones(result.torque.shape, dtype=np.bool_),
         noise_floor_nm=np.full(robot.n, np.nan),
         result=result,
-        sentences=("Followed: the planned motion.", controller.sentence()),
+        sentences=("Followed: the planned motion.", controller.sentence(), *filter(None, [result.chatter])),
     )
 
 

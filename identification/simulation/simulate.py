@@ -6,7 +6,7 @@ recording (`comparison`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +23,8 @@ from identification.robots.model import refuse_followers
 from identification.simulation.controllers import Controller, SetPoint, State
 from identification.simulation.dynamics import ArmDynamics, ExtraTorque
 
+_SMALL = 1e-6
+"""rad, rad/s (m, m/s), by which a state is moved to see what becomes of a deviation."""
 _LARGEST_VELOCITY = 1e3
 _PIECE = 1000
 
@@ -66,7 +68,8 @@ class SimulationResult:
     """Rows at step_s from time 0. time: (S,) s. Others (S, n), in rad, rad/s, rad/s², Nm (m, N for prismatic joints).
 
     reference_position: as commanded. position, velocity, acceleration: of the arm. torque: what the robot's sensor
-    would show, sign of eq. (1). motor_torque: what the controller asked for.
+    would show, sign of eq. (1). motor_torque: what the controller asked for. growth: by which a step of control
+    multiplies the worst small deviation at the start, dry friction aside; beyond 1 nothing but that bounds it.
     """
 
     time: FloatArray
@@ -76,6 +79,18 @@ class SimulationResult:
     acceleration: FloatArray
     torque: FloatArray
     motor_torque: FloatArray
+    growth: float
+
+    @property
+    def chatter(self) -> str:
+        """A sentence where the controller is too stiff to be held over a step, else empty."""
+        if self.growth <= 1.0:
+            return ""
+        return (
+            f"WARNING, the controller is too stiff for this arm in steps of {1e3 * (self.time[1] - self.time[0]):.3g} "
+            f"ms: a small deviation grows {self.growth:.3g} times in each, and the torque chatters. Choose softer "
+            "gains or larger motor inertias."
+        )
 
 
 def simulate(
@@ -116,6 +131,8 @@ def simulate(
     dry, turning = np.where(gentle, 0.0, physical.coulomb), np.where(gentle, physical.coulomb, 0.0)
     smooth = _sum(extra_torque, offset, turning, chosen.coulomb_velocity)
     arm = ArmDynamics(model, model.createData(), physical.viscous, dry, smooth)
+    start = SetPoint(*(each[0] for each in references))
+    growth = _growth(replace(arm, coulomb=np.zeros(n)), controller, state, start, chosen.step_s)
     series: FloatArray = np.empty((5, rows, n))
     for row, (q, dq, ddq) in enumerate(zip(*references, strict=True), start=-lead):
         torque = controller.torque(model, known, state, SetPoint(q, dq, ddq))
@@ -133,7 +150,22 @@ def simulate(
                 time_s=state.time_s,
                 joint=joint,
             )
-    return SimulationResult(time[lead:], references[0][lead:], *series)
+    position, velocity, acceleration, sensed, asked = series
+    return SimulationResult(time[lead:], references[0][lead:], position, velocity, acceleration, sensed, asked, growth)
+
+
+def _growth(arm: ArmDynamics, controller: Controller, state: State, set_point: SetPoint, step_s: float) -> float:
+    """Largest eigenvalue, in size, of a step of control as a map of deviations from a state."""
+    n, known = len(state.position), arm.model.createData()
+
+    def after(change: FloatArray) -> FloatArray:
+        moved = State(state.time_s, state.position + change[:n], state.velocity + change[n:])
+        end = arm.step(moved, controller.torque(arm.model, known, moved, set_point), step_s).state
+        return np.concatenate([end.position, end.velocity])
+
+    small = _SMALL * np.eye(2 * n)
+    slopes = np.array([(after(each) - after(-each)) / (2.0 * _SMALL) for each in small]).T
+    return float(np.abs(np.linalg.eigvals(slopes)).max())
 
 
 def _sum(extra: ExtraTorque | None, offset: FloatArray, coulomb: FloatArray, width: Widths) -> ExtraTorque | None:

@@ -169,6 +169,18 @@ def test_a_port_in_use_is_named_with_its_holder() -> None:
     assert holder is None or holder in check.sentence
 
 
+def test_a_port_that_a_waiting_service_keeps_is_not_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between two jobs it has no socket: the port was called free, and the next run refused."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    port = free_udp_port()
+    for held, status in ((True, "warning"), (False, "ok")):
+        with lock_port("127.0.0.1", port if held else 0):
+            report = examine(bind_port=port, listen_s=0.0)
+        check = next(check for check in report.checks if check.name == "port")
+        assert check.status == status
+        assert (f"(process {os.getpid()})" in check.sentence) == held
+
+
 def test_a_port_of_a_run_names_who_can_be_stopped_and_not_its_loop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

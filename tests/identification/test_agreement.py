@@ -42,6 +42,7 @@ def test_a_run_with_a_tool_among_runs_without_is_warned_of(pipeline: str, more_k
         if said:
             assert fit.notes[0].startswith("WARNING")
             assert "iiwa-ident compare" in said[0]
+            assert all(f"times on run{number}.mcap" in said[0] for number in (1, 2))  # one of two was called the other
 
 
 def test_two_runs_of_one_real_arm_go_together() -> None:

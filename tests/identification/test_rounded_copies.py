@@ -124,6 +124,29 @@ def test_runs_whose_noise_is_below_their_decimals_stay_two(
             assert rows_that_agree(rows, second) == 0
 
 
+@pytest.mark.parametrize("joints", [1, 6])
+@pytest.mark.parametrize("noise", [0.03, 0.1, 0.3])
+def test_two_coarse_runs_of_a_motion_that_repeats_are_two(noise: float, joints: int) -> None:
+    """Up to 95 % of the rows of one stand in the other, hundreds of them one after the other; all of a copy's do.
+
+    noise: in steps of the last decimal.
+    """
+    q, dq, ddq = fourier_motion(joints, period_s=5.0, samples=1000, seed=1)
+    torque = 5.0 * ddq + 3.0 * np.tanh(dq / 0.05) + 10.0 * np.sin(q)
+    eight = np.tile(np.hstack([q, torque]), (8, 1))
+
+    def run(seed: int) -> Recording:
+        drawn = eight + noise * np.repeat([1e-3, 0.1], joints) * np.random.default_rng(seed).normal(size=eight.shape)
+        return recording_of(drawn[:, :joints].round(3), drawn[:, joints:].round(1), period_s=5.0, periods=8)
+
+    first, second = run(1), run(2)
+    refuse_repeated([first, second])
+    refuse_shared_samples([first], [second])
+    for copy in (written(first, "%.4f"), cut(first)):
+        with pytest.raises(RecordingError, match="shares"):
+            refuse_repeated([first, copy])
+
+
 @pytest.mark.parametrize("largest", [1.005, 10.1])
 def test_the_largest_numbers_near_one_multiple_tell_of_no_step(largest: float) -> None:
     """A joint with torques up to 10.1 Nm was one in steps of 10 Nm, and its noise one that rounding makes."""

@@ -123,6 +123,21 @@ def test_viscous_friction_alone_brakes_exponentially() -> None:
     assert np.allclose(result.torque, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("inertia", [0.1, 0.01, 0.001])
+def test_a_controller_that_is_too_stiff_for_its_steps_is_said_to_chatter(inertia: float) -> None:
+    """3000 Nm/rad on a light joint, bounded by its dry friction alone, and nothing said so. With the torque held over
+    a step h, q and v go over into [[1 − h²k/2, h − h²d/2], [−hk, 1 − hd]] of them, k = K/I, d = D/I.
+    """
+    h, k, d = 1e-3, 3000.0 / inertia, 1.4 * np.sqrt(3000.0 / inertia)
+    step = np.array([[1.0 - h**2 * k / 2.0, h - h**2 * d / 2.0], [-h * k, 1.0 - h * d]])
+    dry = np.array([0.5])
+    physical = PhysicalParameters(np.ones(1), np.zeros((1, 3)), inertia * np.eye(3)[None], np.zeros(1), dry)
+    start, settings = Start(np.zeros(1), np.full(1, 0.1)), SimulationSettings(duration_s=0.01)
+    result = simulate(one_joint("0 0 1"), physical, start, JointImpedance(3000.0), settings=settings)
+    assert result.growth == pytest.approx(float(np.abs(np.linalg.eigvals(step)).max()), rel=1e-4)
+    assert bool(result.chatter) == (inertia == 0.001)
+
+
 @pytest.mark.parametrize("width", [0.1, 1e-4])
 def test_friction_that_turns_over_gently_brakes_by_its_own_law(width: float) -> None:
     """I q̈ = −F tanh(q̇/v): sinh(q̇/v) falls exponentially. A width that no step can follow is as sharp as sign(q̇)."""

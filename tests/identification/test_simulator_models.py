@@ -101,3 +101,24 @@ def test_an_sdf_of_several_models_says_so(arm: Path) -> None:
     )
     with pytest.raises(RobotError, match="holds 2 models"):
         weight(file, arm)
+
+
+def test_a_model_with_joints_that_nobody_knows_is_refused_where_it_matters_how_they_stand(arm: Path) -> None:
+    """An arm of one joint was told to have a gain of 0.05 beside another one of two joints, of which one had its name.
+
+    A finger of 1 g that slides 0.1 m at most may stand anywhere.
+    """
+    one, gripping = arm.with_name("one.urdf"), arm.with_name("gripping.urdf")
+    one.write_text(URDF.replace('<joint name="q2" type="continuous">', '<joint name="q2" type="fixed">'))
+    with pytest.raises(RobotError, match=r"arm\.urdf: has q2 beside the joints of .*, and \d+ % of the"):
+        read_simulator_model(arm, BaseRegressor(load_robot(one)))
+    finger = INERTIAL.replace('value="2"', 'value="1e-3"').replace('"0.1"', '"1e-6"')
+    slides = '<limit lower="0" upper="0.1" effort="1" velocity="1"/><axis xyz="1 0 0"/>'
+    gripping.write_text(
+        URDF.replace(
+            "</robot>",
+            f"""<link name="finger">{finger}</link>
+        <joint name="f" type="prismatic">{slides}<parent link="tool"/><child link="finger"/></joint></robot>""",
+        )
+    )
+    assert weight(gripping, arm) == pytest.approx(weight(arm, arm), rel=1e-2)

@@ -24,6 +24,7 @@ from identification.physical_parameters import PhysicalParameters
 from identification.recordings import Recording
 from identification.robots import RobotModel, load_robot
 from tests.identification.synthetic import coloured_noise, fourier_motion, inverse_dynamics, recording_of
+from tests.reference import recording_file
 
 NOISE_NM = 0.03
 FLANGE = np.array([0.0, 0.0, 0.126])
@@ -293,6 +294,23 @@ def test_exact_rows_weigh_no_more_than_they_are_known_to(iiwa14: RobotModel, tab
     columns = [payload._columns(iiwa14, rows, loaded) for loaded, rows in enumerate(runs)]
     _, weight, _ = payload._fitted(runs, columns, payload._prior(sizes, 7, [6], 10.0), sizes)
     assert np.all(weight <= 1.001 / sizes.least_noise**2)
+
+
+def test_exact_rows_with_friction_that_turns_over_at_once_have_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a gentler friction left at the reversals of two motions was "one on link 1 or 2 or 3 or 4 or 5"."""
+    robot = load_robot(recording_file("tx40.urdf"))
+    model, runs = robot.pinocchio_model.copy(), []
+    for link, mass in enumerate((10.4, 13.0, 6.5, 1.95, 1.95, 1.04), start=1):
+        model.inertias[link] = pinocchio.Inertia(mass, np.full(3, 0.02), 0.006 * mass * np.eye(3))
+    for seed in (3, 4):
+        q, dq, ddq = fourier_motion(6, period_s=5.0, samples=1000, seed=seed, speed=1.2)
+        data = model.createData()
+        torque = np.array([pinocchio.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+        torque += dq * [4.0, 5.0, 3.0, 1.0, 1.0, 0.5] + np.sign(dq) * [3.0, 4.0, 2.5, 0.8, 0.8, 0.4]
+        runs.append(recording_of(np.tile(q, (4, 1)), np.tile(torque, (4, 1)), period_s=5.0, periods=4))
+    monkeypatch.setattr(payload, "_refuse_misread", lambda *_: None)  # that they are sound is not asked here, for time
+    with pytest.raises(EstimationError, match="No load can be seen"):
+        weighed(robot, *runs)
 
 
 def test_an_arm_at_rest_weighs_nothing(iiwa14: RobotModel, recorded: Callable[..., Recording]) -> None:
