@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from identification.audit.between import Change
     from identification.audit.leaderboard import Standing
     from identification.audit.trend import Trend
+    from identification.model_file import Model
+    from identification.recordings import Recording
     from identification.robots import RobotModel
 
 SHOWN = 8
@@ -104,13 +106,10 @@ def _changes(
     first: Path, others: Sequence[Path], arm: RecordedArm, hours: Sequence[float] | None, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    from identification.audit.between import changes_between, fitted_to, model_of_fit
-    from identification.audit.mount import require_stated_stand
+    from identification.audit.between import changes_between
     from identification.audit.reading import read_so
-    from identification.audit.signs import require_stated_signs
     from identification.audit.trend import LEAST, trend_of, with_hours
     from identification.errors import RecordingError
-    from identification.fitting.result import warnings_of
     from identification.model_file import no_check, read_model
     from identification.recordings.independence import refuse_repeated
     from identification.report.series_notes import notes_on_order, notes_on_temperature, notes_on_the_first
@@ -131,16 +130,7 @@ def _changes(
         message(f"note: {note}")
     for name in () if known is None else known.fitted_among(inputs.recordings):
         message(no_check(name))
-    if known is None:
-        require_stated_stand(inputs.recordings[:1], inputs.robot)
-        require_stated_signs(inputs.recordings[:1], inputs.robot, "nothing can be compared with it")
-    if known is not None:
-        model = known
-    else:
-        fit = fitted_to(inputs.recordings[0], inputs.robot)
-        model = model_of_fit(fit, Path(inputs.recordings[0].source.path).name)
-        for warning in warnings_of(fit.notes):
-            message(warning)
+    model = known if known is not None else _model_of(inputs.recordings[0], inputs.robot)
     recordings = inputs.recordings if known is not None else inputs.recordings[1:]
     # Every run's recording has the same file name: it is called as the user called it.
     changes = [changes_between(model, recording, inputs.robot, str(first)) for recording in recordings]
@@ -165,6 +155,21 @@ def _changes(
             data_lines(f"  {sentence}" for sentence in (*trend.sentences, *warm))
         if page is not None:
             data(f"Written to {page}")
+
+
+def _model_of(recording: Recording, robot: RobotModel) -> Model:
+    """What later recordings are compared with; what spoils it is said."""
+    from identification.audit.between import fitted_to, model_of_fit
+    from identification.audit.mount import require_stated_stand
+    from identification.audit.signs import require_stated_signs
+    from identification.fitting.result import warnings_of
+
+    require_stated_stand([recording], robot)
+    require_stated_signs([recording], robot, "nothing can be compared with it")
+    fit = fitted_to(recording, robot)
+    for warning in warnings_of(fit.notes):
+        message(warning)
+    return model_of_fit(fit, Path(recording.source.path).name)
 
 
 def _numbers(text: str | None) -> list[float] | None:
