@@ -292,7 +292,7 @@ def _agreement(whole: Selection, own: IntArray) -> float:
         return 1.0
     rows = whole.rows.limited([state.groups for state in whole.states], heldout=True)
     estimates = []
-    for parts in (range(rows.folds), [rows.folds]):
+    for parts in (range(rows.folds), range(rows.folds, len(rows.parts))):
         side = Selection(rows, (rows.of(list(parts)),), (1.0,))
         for joint, state in enumerate(whole.states):
             places = tuple(sorted(state.groups).index(group) for group in state.groups)
