@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct, idct
 
-from identification.arrays import FloatArray, runs_of
+from identification.arrays import BoolArray, FloatArray, runs_of
 from identification.base_parameters import BaseRegressor, Widths, direction_of
 from identification.errors import RecordingError
 from identification.fitting.band import band_of_motion
@@ -123,17 +123,18 @@ def build_aperiodic_evidence(
 ) -> tuple[Evidence, ...]:
     """One evidence per gap-free stretch; of its rows those that the split fits, or those it holds out.
 
-    Raises RecordingError where no stretch has a block that is long enough.
+    Raises RecordingError where no stretch has a block that is long enough and in which a joint moves.
     """
     found = []
     for signals in thinned_stretches(recording, settings, regressor.options.coulomb_velocity):
         blocks = _blocks(recording, signals, split, held_out)
-        if blocks:
+        if _used(signals, blocks).any():
             found.append(_evidence(recording, signals, blocks, robot, regressor))
     if not found:
         raise RecordingError.at(
             recording.source.path,
-            f"no block of time is left to {'check' if held_out else 'fit'}; choose longer blocks or another recording",
+            f"no block of time in which a joint moves is left to {'check' if held_out else 'fit'}; "
+            "choose longer blocks or another recording",
         )
     return tuple(found)
 
@@ -218,6 +219,12 @@ def _blocks(recording: Recording, signals: ProcessedSignals, split: Split | None
     return tuple(blocks)
 
 
+def _used(signals: ProcessedSignals, blocks: Sequence[Block]) -> BoolArray:
+    """(blocks, n) where a joint moves: one that stands still most of a block says nothing on that joint there."""
+    shares = [signals.used[block.first : block.last].mean(axis=0) for block in blocks]
+    return np.array(shares) > MOST
+
+
 def _operator(signals: ProcessedSignals, stride: int, count: int) -> FloatArray:
     """`Block.operator` of so many rows, `stride` samples apart: the same for all blocks of that length."""
     assert signals.row_time is not None
@@ -247,13 +254,7 @@ def _evidence(
     frequency = np.concatenate(
         [np.round(np.arange(block.lines) * 0.5 / ((block.last - block.first) * step) / grid) * grid for block in blocks]
     )
-    # A block in which a joint stands still most of the time says nothing on that joint.
-    used = np.concatenate(
-        [
-            np.repeat(signals.used[block.first : block.last].mean(axis=0)[None] > MOST, block.lines, 0)
-            for block in blocks
-        ]
-    )
+    used = np.repeat(_used(signals, blocks), [block.lines for block in blocks], axis=0)
     motion = Motion(
         robot=robot,
         time=signals.time - signals.time[0],

@@ -32,7 +32,7 @@ class Left:
         base = [joint.whitened[:, joint.columns : joint.columns + rows.base] for joint in rows.joints]
         if not rows.heldout:
             return cls(rows, np.zeros((0, 0)))
-        there = rows.part == rows.folds
+        there = rows.part >= rows.folds
         values, vectors = np.linalg.eigh(np.sum([part[~there].T @ part[~there] for part in base], axis=0))
         spread = np.concatenate([part[there] for part in base]) @ (vectors / np.sqrt(np.maximum(values, FREE)))
         scale, turned = np.linalg.eigh(spread.T @ spread)
@@ -49,7 +49,7 @@ class Left:
 
         base: (p,) parameters beside the classes; None: those of the selection.
         """
-        rows, there = selection.rows, self.rows.part == self.rows.folds
+        rows, there = selection.rows, self.rows.part >= self.rows.folds
         problem = rows.problem
         parts = [base_of(selection, joint) for joint in range(problem.n)]
         found = selection.mean(0, selection.states[0])[1][: rows.base] if base is None else base
@@ -65,7 +65,7 @@ class Left:
         The selection's own weights are of what classes leave: where that is little they pull base parameters from other
         joints, and a model without classes would not be the fit's.
         """
-        problem, there = selection.rows.problem, self.rows.part == self.rows.folds
+        problem, there = selection.rows.problem, self.rows.part >= self.rows.folds
         scale = (weight * problem.noise[:, ~there])[..., None]
         parts = [base_of(selection, joint) for joint in range(problem.n)]
         columns = [own * part[~there] for (part, _), own in zip(parts, scale, strict=True)]

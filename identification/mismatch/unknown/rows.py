@@ -16,11 +16,12 @@ from identification.arrays import BoolArray, FloatArray, IntArray
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared
 from identification.mismatch.problem import BAND_EDGES_HZ, Problem, build_problem, with_torque
-from identification.mismatch.settings import FADE, FOLDS, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
+from identification.mismatch.settings import FADE, HIDDEN, NOISE_ROWS, PRIOR_COST, VARIANCE_CAP
 from identification.mismatch.unknown.angle import AngleBasis
 from identification.mismatch.unknown.classes import CLASSES, TOLD_BY_NOISE, Basis
 from identification.mismatch.unknown.evidence import FREE, JointGram, products
 from identification.mismatch.unknown.inputs import Inputs, Ranges
+from identification.mismatch.unknown.stretches import parts_of
 
 WIDE_BANDS_HZ = BAND_EDGES_HZ[1::2]
 """Upper edges of the bands with a noise of their own: every other one of those in which misfit is tested."""
@@ -46,11 +47,11 @@ class JointRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """All joints. part: (R,) 0 … folds − 1 of the fitted rows, `folds` for those held out. band: (R,).
+    """All joints. part: (R,) 0 … folds − 1 of the fitted rows, from `folds` on of those held out.
 
-    problem: all rows. fitted: ranges of the fitted motions. inputs: of each evidence, the fitted ones first. misfit:
-    (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more than their
-    noise. samples: behind the fitted and the held-out rows. noise_rows: that the measured noise of a band is worth, 0
+    band: (R,). problem: all rows. fitted: ranges of the fitted motions. inputs: of each evidence, the fitted first.
+    misfit: (n,) Nm², mean square that the nominal model leaves on the fitted rows. asked: (n,) joints that hold more
+    than their noise. samples: behind the fitted and the held-out rows. noise_rows: that a band's noise is worth, 0
     without any; noise_odds: that it is another one. prior: (P,) precision beforehand of what stands in F.
     grams: per joint (parts, bands, M, M) products, and count (n, parts, bands) of their rows; all parts are one where
     the noise is measured, all bands where stretches are predicted (`resolved`: neither). cell: (R,) which of these a
@@ -91,7 +92,7 @@ class Rows:
     @property
     def heldout(self) -> bool:
         """Whether any row is held out."""
-        return bool((self.part == self.folds).any())
+        return bool((self.part >= self.folds).any())
 
     @property
     def parts(self) -> range:
@@ -213,7 +214,7 @@ class Rows:
             kept = np.concatenate([own, np.arange(joint.columns, joint.whitened.shape[1])])
             bases, shown = (tuple(values[place] for place in places) for values in (joint.bases, joint.shown))
             joints.append(JointRows(joint.whitened[:, kept], bases, group.astype(np.int64), shown))
-        parts, bands = self.folds + (heldout and self.heldout), int(self.band.max()) + 1
+        parts, bands = int(self.part.max()) + 1 if heldout else self.folds, int(self.band.max()) + 1
         cell = np.where(self.part < parts, self.part * bands + self.band, parts * bands)
         grams, count = _products(joints, self.problem, cell, (parts, bands))
         return replace(self, joints=tuple(joints), cell=cell, grams=grams, count=count)
@@ -238,7 +239,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     problem = build_problem(evidences, [rows for role in roles for rows in role.torque], nuisance)
     every = Ranges.of([item.motion for item in evidences])
     inputs = tuple(Inputs(item.motion, every, 2.0 * FADE) for item in evidences)
-    part, folds = _parts(evidences, len(fitted.evidences), problem.noise_is_measured)
+    part, folds = parts_of(evidences, len(fitted.evidences), problem.noise_is_measured)
     band = np.searchsorted(WIDE_BANDS_HZ, problem.frequency)
     asked = worth_asking(problem, band)
     asked[list(named)] = True
@@ -249,7 +250,7 @@ def build_rows(fitted: Prepared, unseen: Prepared | None, named: Collection[int]
     misfit = _mean_square(problem, part < folds, samples[0])
     joints = _joints(problem, evidences, inputs, asked, misfit)
     # Predicted stretches have one noise in all bands; where it is measured, rows held out stand beside those fitted.
-    parts = 1 if problem.noise_is_measured else folds + (unseen is not None)
+    parts = 1 if problem.noise_is_measured else int(part.max()) + 1
     cell, bands = (part, 1) if parts > 1 else (band, int(band.max()) + 1)
     grams, count = _products(joints, problem, cell, (parts, bands))
     return Rows(
@@ -278,23 +279,6 @@ def _mean_square(problem: Problem, chosen: BoolArray, samples: int) -> FloatArra
     residual = problem.residual.reshape(problem.weight.shape)
     left = np.where(problem.weight > 0.0, residual * problem.noise, 0.0)
     return np.asarray((left[:, chosen] ** 2).sum(axis=1) / samples)
-
-
-def _parts(evidences: Sequence[Evidence], fitted: int, measured: bool) -> tuple[IntArray, int]:
-    """Part of each row. Where noise is measured all fitted rows are one; else stretches of time in turn.
-
-    The lines of a block of time begin at 0 Hz.
-    """
-    blocks = []
-    for item in evidences[:fitted]:
-        start = np.zeros(item.frequency.size) if measured else item.frequency == 0.0
-        blocks.append(np.maximum(np.cumsum(start).astype(np.int64) - 1, 0))
-    offsets = np.cumsum([0, *(int(block[-1]) + 1 for block in blocks)])
-    number = np.concatenate([block + offset for block, offset in zip(blocks, offsets, strict=False)])
-    folds = 1 if measured else min(FOLDS, int(offsets[-1]))
-    fold = number * folds // int(offsets[-1]) if not measured else np.zeros_like(number)
-    rest = sum(item.frequency.size for item in evidences[fitted:])
-    return np.concatenate([fold, np.full(rest, folds)]), folds
 
 
 def worth_asking(problem: Problem, band: IntArray) -> BoolArray:

@@ -121,6 +121,23 @@ def test_a_split_that_leaves_no_block_is_refused(
     assert default_split([recording], SETTINGS).kind == "blocks"
 
 
+def test_a_stretch_in_which_the_arm_stands_still_is_left_out_and_a_recording_of_it_alone_is_refused(
+    recording: Recording, iiwa14: RobotModel, iiwa14_base: BaseRegressor
+) -> None:
+    """Nothing can be fitted to a rest: least squares did not end."""
+    count, places = recording.samples // 2, np.arange(recording.samples)
+    moved_first = replace(recording, position=recording.position[np.minimum(places, 100)], velocity=None)
+    still = replace(
+        recording,
+        time=recording.time + (places >= count),
+        position=recording.position[np.where(places < count, 0, places)],
+        velocity=None,
+    )
+    assert len(build_aperiodic_evidence(still, iiwa14, iiwa14_base, SETTINGS)) == 1
+    with pytest.raises(RecordingError, match="no block of time in which a joint moves is left to fit"):
+        build_aperiodic_evidence(moved_first, iiwa14, iiwa14_base, SETTINGS)
+
+
 def test_a_plain_robot_without_periods_has_no_mismatch(recording: Recording, iiwa14: RobotModel) -> None:
     diagnosis = diagnose([recording], iiwa14)
     assert diagnosis.findings == ()

@@ -11,13 +11,17 @@ from identification.base_parameters import BaseRegressor
 from identification.mismatch.evidence import Evidence
 from identification.mismatch.prepared import Prepared, prepare
 from identification.mismatch.settings import DiagnosisSettings
+from identification.mismatch.unknown import named as names_beside
 from identification.mismatch.unknown.classes import CLASSES
 from identification.mismatch.unknown.dependence import find_dependence
-from identification.mismatch.unknown.named import Named, Standing, shown_on, standings
+from identification.mismatch.unknown.named import Named, Standing, held_beside, shown_on, standings
 from identification.mismatch.unknown.rows import Rows, build_rows
+from identification.mismatch.unknown.selection import Selection
 from identification.physical_parameters import PhysicalParameters
-from identification.robots import RobotModel
+from identification.recordings import read_recording
+from identification.robots import RobotModel, load_robot
 from tests.identification.mismatch.plant import on_joint, record
+from tests.reference import recording_file
 
 JOINT = 5
 Form = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -193,3 +197,30 @@ def test_what_base_parameters_take_up_of_a_name_hides_neither_the_rest_of_it_nor
     assert beside.shown == pytest.approx(alone.shown, rel=0.1)
     assert alone.earned
     assert beside.earned
+
+
+def test_without_periods_a_name_takes_only_the_class_that_it_is_missed_less_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside a name without any torque each class of the EMPS stands, however little it weighs; beside the torque of
+    one of them, the other.
+    """
+    robot = load_robot(recording_file("emps.urdf"))
+    fitted = prepare(
+        [read_recording(recording_file("emps_a.npz"))], robot, BaseRegressor(robot), DiagnosisSettings(), None
+    )
+    rows = build_rows(fitted, None)
+    both = ("own_velocity", "torque_dynamics")
+    chosen = [[place for place, item in enumerate(rows.joints[0].bases) if CLASSES[item.number].name in both]]
+    whole = Selection.of(rows, rows.parts, predicted=True).with_groups(chosen)
+    velocity = whole.classes(0, whole.states[0])[[item.name for item in CLASSES].index(both[0])]
+    weights = np.zeros(whole.states[0].gram.columns)
+    weights[np.isin(whole.states[0].gram.group, velocity)] = 1.0
+    torque = rows.joints[0].whitened[:, whole.columns(0, whole.states[0])] @ (
+        weights * whole.mean(0, whole.states[0])[0]
+    )
+    columns = (torque * rows.problem.noise[0])[None, :, None]
+    monkeypatch.setattr(names_beside, "SPEAK", 1e9)
+    for share, left in ((0.0, set(both)), (1.0, {both[1]})):
+        name = Named("", (0,), share * columns, np.ones(1), 0.0)
+        assert held_beside(rows, [name], chosen) == {0: left}

@@ -57,3 +57,17 @@ def test_noise_that_is_not_measured_is_what_stays_of_rows_that_were_not_fitted()
         least[predicted] = float(share[selection.states[0].gram.count > 0.0].min())
     assert least[False] < 1e-3
     assert 0.02 < least[True] < 2.0
+
+
+def test_a_recording_that_is_held_out_is_predicted_in_stretches_as_long_as_the_fitted_ones() -> None:
+    """One stretch as long as all others together would be most of the noise, and predicted from half of the rows."""
+    robot = load_robot(recording_file("emps.urdf"))
+    fitted, unseen = (
+        prepare([read_recording(recording_file(name))], robot, BaseRegressor(robot), DiagnosisSettings(), None)
+        for name in ("emps_a.npz", "emps_b.npz")
+    )
+    rows = build_rows(fitted, unseen)
+    size = np.bincount(rows.part)
+    assert size.size == len(rows.parts) == 2 * rows.folds
+    assert size[rows.folds :].sum() == sum(item.frequency.size for item in unseen.evidences)
+    assert size.max() < 2 * size.min()
