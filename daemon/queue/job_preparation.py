@@ -19,7 +19,7 @@ from typing import Any
 from daemon.api import Message, RunRequest
 from daemon.children import ended_within, how_ended, start_python
 from daemon.circles import look_seldom
-from daemon.errors import DaemonError, sentence_of
+from daemon.errors import EXIT_INTERRUPTED, DaemonError, sentence_of
 from daemon.json_files import read_json, write_json
 
 REQUEST_NAME = "request.json"
@@ -53,7 +53,7 @@ class Verdict(Message, frozen=True, kw_only=True):
     exit_code: int = 0
 
 
-_CANCELLED = Verdict(safe=False, sentence="The check was broken off; nothing was moved.", exit_code=130)
+_CANCELLED = Verdict(safe=False, sentence="The check was broken off; nothing was moved.", exit_code=EXIT_INTERRUPTED)
 
 
 class Preparation:

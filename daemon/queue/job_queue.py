@@ -17,7 +17,7 @@ from pathlib import Path
 
 from daemon.api import RunOutcome
 from daemon.config import DaemonConfig
-from daemon.errors import DaemonError
+from daemon.errors import EXIT_INTERRUPTED, DaemonError
 from daemon.json_files import read_json
 from daemon.queue.control_api import JobPhase, JobView, RefusedRequestError, SubmitRun
 from daemon.queue.job_preparation import PreparationJob, Verdict
@@ -26,8 +26,6 @@ from daemon.queue.job_work import FitEnded, RunEnded, fit_is_alive
 from daemon.times import new_job_id
 
 _MAXIMUM_ATTEMPTS = 2
-_NEVER_ENDED = 130
-"""Exit code of a job that was interrupted or cancelled: whoever waits for one hears of an end."""
 _REFUSALS = (1, 65, 66, 78)
 """Exit codes of a run that was not begun because of what was asked for: the ladder, the data, a file, a setting."""
 _HELD = "Waits for `iiwa-ident resume`: no motion follows a stop, a failed run or a restart by itself."
@@ -75,7 +73,7 @@ class JobQueue:
                 "interrupted",
                 "The service ended during this run, whereupon the loop stops the arm by itself. What was recorded is "
                 f"in {job.folder}; `iiwa-ident recover` makes a broken-off log whole.",
-                exit_code=_NEVER_ENDED,
+                exit_code=EXIT_INTERRUPTED,
             )
         else:
             ended = RunEnded(job.job_id, outcome, " ".join(outcome.sentences), outcome.exit_code)
@@ -144,7 +142,7 @@ class JobQueue:
         """The check at submission has ended. A job cancelled meanwhile stays so."""
         hold = job_id in self._hold_when_checked
         self._hold_when_checked.discard(job_id)
-        if self.store.jobs[job_id].phase != "checking" or verdict.exit_code == 130:
+        if self.store.jobs[job_id].phase != "checking" or verdict.exit_code == EXIT_INTERRUPTED:
             return
         if not verdict.safe:
             self.store.change(job_id, "refused", verdict.sentence, exit_code=verdict.exit_code)
@@ -155,7 +153,7 @@ class JobQueue:
 
     def not_prepared(self, job_id: str, verdict: Verdict) -> None:
         """The check before the run was broken off, or found against it."""
-        if verdict.exit_code == 130:
+        if verdict.exit_code == EXIT_INTERRUPTED:
             self.hold(job_id)
         else:
             self.store.change(job_id, "refused", verdict.sentence, exit_code=verdict.exit_code)
@@ -226,9 +224,11 @@ class JobQueue:
                 1,
             )
         for motion in motions:
-            self.store.change(motion.job_id, "cancelled", "Its investigation was cancelled.", exit_code=_NEVER_ENDED)
+            self.store.change(
+                motion.job_id, "cancelled", "Its investigation was cancelled.", exit_code=EXIT_INTERRUPTED
+            )
         said = "Cancelled; nothing of it will move."
-        return self.store.change(job_id, "cancelled", said, exit_code=_NEVER_ENDED).sentence
+        return self.store.change(job_id, "cancelled", said, exit_code=EXIT_INTERRUPTED).sentence
 
     # ---- fits
 

@@ -93,7 +93,7 @@ def weigh(robot: RobotModel, without: Sequence[Recording], with_load: Sequence[R
     no load can be seen, it is beyond reason, or one does not describe them.
     """
     refuse_followers(robot, "weigh a load on")
-    _refuse_other_arm([*without, *with_load])
+    _refuse_two_serial_numbers([*without, *with_load])
     last = Flange(robot.n - 1, np.eye(3), np.zeros(3))
     flange = robot.flange if robot.flange is not None and robot.flange.link == last.link else last
     frame = "the flange" if flange is not last else f"link {robot.n}, whose frame ends the arm's description"
@@ -149,7 +149,7 @@ def _refuse_undescribed(without: float, with_load: float, load: float, unit: str
     )
 
 
-def _refuse_other_arm(recordings: Sequence[Recording]) -> None:
+def _refuse_two_serial_numbers(recordings: Sequence[Recording]) -> None:
     if len(arms := serial_numbers(recordings)) > 1:
         raise RecordingError(
             f"The logs are of {len(arms)} arms (serial numbers {', '.join(arms)}), which differ by more than a tool: "
